@@ -254,6 +254,8 @@ pub struct Statistics {
     /// Frames that every channel of the wall had drawn when they were swapped: those that all
     /// displays show together.
     pub complete: u64,
+    /// Frames that were sent while another one was on its way: none without a pipeline.
+    pub ahead: u64,
     /// From the beginning of the first frame to the swap of the last one.
     pub seconds: f64,
     /// From frame command to swap command, in milliseconds; of frames whose deadline passed, that

@@ -11,6 +11,7 @@ use polyptych_wall::{ChannelCalibration, ChannelId, Wall};
 use winit::dpi::PhysicalSize;
 
 use crate::connection_status::ServerInfo;
+use crate::frame_scheduler::FrameKey;
 use crate::mismatch::{DisplayMismatch, MonitorAssignment, NOTE_TIME, NoteTime, Sizes, mismatch};
 use crate::presentation_state::{DisplayContent, PresentationState};
 use crate::window_output::WindowOutput;
@@ -28,6 +29,10 @@ pub(crate) struct ChannelOutput {
     /// What the display took last. A frame is drawn while the one before is shown, and a display
     /// may have to show that again at any time: uncovered, frozen, or with words over it.
     shown: Option<PresentedImage>,
+    /// A frame that waits for its swap while the next one is drawn.
+    aside: Option<(FrameKey, OutputTexture)>,
+    /// A picture that nothing needs any more, where frames are kept aside.
+    spare: Option<OutputTexture>,
     /// The monitor in full screen; else `None`.
     assignment: Option<MonitorAssignment>,
     /// The channel on the wall that was prepared last, and the sizes that its picture should have.
@@ -83,6 +88,8 @@ impl ChannelOutput {
             corrected: None,
             arranged: None,
             shown: None,
+            aside: None,
+            spare: None,
             assignment,
             expected: None,
             mismatch: None,
@@ -191,7 +198,8 @@ impl ChannelOutput {
     /// # Errors
     /// Why the window can't be drawn to any more.
     pub fn reopen(&mut self, gpu: &Gpu, hangs: bool) -> Result<(), String> {
-        let old = (self.target.take(), self.corrected.take(), self.shown.take());
+        let pictures = (self.shown.take(), self.aside.take(), self.spare.take());
+        let old = (self.target.take(), self.corrected.take(), pictures);
         if hangs {
             std::mem::forget(old);
         }
@@ -281,22 +289,49 @@ impl ChannelOutput {
         (is_named || self.note != NoteTime::Over).then(|| mismatch.note.clone())
     }
 
-    /// The display takes the picture that was drawn; the next one is drawn elsewhere.
-    pub fn latch_image(&mut self, gpu: &Gpu) {
+    /// The display takes the picture of this frame, which was drawn last or kept aside; the next
+    /// one is drawn elsewhere.
+    pub fn latch_image(&mut self, gpu: &Gpu, key: FrameKey) {
         // A second picture costs memory, which those that nobody sees are spared.
         if matches!(self.surface, OutputSurface::Nowhere) {
             return;
         }
-        let spare = |shown: &mut Option<PresentedImage>| shown.take().map(|shown| shown.picture);
-        let picture = if let Some(corrected) = &mut self.corrected {
-            let next = corrected.next(gpu, spare(&mut self.shown));
-            std::mem::replace(corrected, next)
-        } else if let Some(target) = &mut self.target {
-            target.latch_image(gpu, spare(&mut self.shown))
-        } else {
-            return;
+        let aside = self.aside.take();
+        let old = self.shown.take().map(|shown| shown.picture);
+        let picture = match aside {
+            Some((of, picture)) if of == key => {
+                self.spare = old;
+                Some(picture)
+            }
+            other => {
+                self.spare = old.or_else(|| other.map(|(_, picture)| picture));
+                self.take_picture(gpu)
+            }
         };
-        self.shown = Some(PresentedImage { picture, idle: None });
+        self.shown = picture.map(|picture| PresentedImage { picture, idle: None });
+    }
+
+    /// Keeps the picture of this frame, which was drawn last, while the next one is drawn.
+    pub fn keep_aside(&mut self, gpu: &Gpu, key: FrameKey) {
+        let is_kept = self.aside.as_ref().is_some_and(|(of, _)| *of == key);
+        if is_kept || matches!(self.surface, OutputSurface::Nowhere) {
+            return;
+        }
+        if let Some((_, old)) = self.aside.take() {
+            self.spare = Some(old);
+        }
+        self.aside = self.take_picture(gpu).map(|picture| (key, picture));
+    }
+
+    /// Takes out what was drawn last; the next picture is drawn into the spare one.
+    fn take_picture(&mut self, gpu: &Gpu) -> Option<OutputTexture> {
+        let spare = self.spare.take();
+        if let Some(corrected) = &mut self.corrected {
+            let next = corrected.next(gpu, spare);
+            Some(std::mem::replace(corrected, next))
+        } else {
+            self.target.as_mut().map(|target| target.latch_image(gpu, spare))
+        }
     }
 
     /// Shows what is to be shown now.

@@ -3,6 +3,7 @@
 //! Commands are taken as they come; what is to be done is asked for when all have been taken, so
 //! that a server that wakes from a stop goes to the newest frame and never shows an old one.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use polyptych_protocol::command::{Frame, Swap};
@@ -13,12 +14,23 @@ use polyptych_protocol::output_mode::OutputMode;
 /// slow channel shows what it can, and a picture of a second ago is worse than the last one.
 pub const SLOW_GRACE_MAX: Duration = Duration::from_secs(1);
 
+/// Maximum number of frames that wait to be drawn: as many as a manager has on their way.
+const WAITING_MAX: usize = 2;
+
+/// A frame's number in the life of a manager.
+pub type FrameKey = (Epoch, FrameId);
+
 /// What to do next.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FrameAction {
     /// Draw this frame into the channels' own targets.
-    Draw(Box<Frame>),
-    /// Show the frame that was drawn last.
+    Draw {
+        /// The frame.
+        frame: Box<Frame>,
+        /// The frame that the targets hold and that may still be shown: it is to be kept aside.
+        keep: Option<FrameKey>,
+    },
+    /// Show a frame that was drawn: the last one, or the one that was kept aside.
     Show {
         /// Which life of the manager.
         epoch: Epoch,
@@ -32,31 +44,48 @@ pub enum FrameAction {
 /// The newest commands that wait, and what was done.
 #[derive(Debug, Default)]
 pub struct FrameScheduler {
-    waiting_frame: Option<Box<Frame>>,
+    /// Oldest first.
+    waiting_frames: VecDeque<Box<Frame>>,
     waiting_swap: Option<Swap>,
+    /// The frame of the last swap command.
+    swapped: Option<FrameKey>,
     drawn: Option<RenderedFrame>,
-    shown: Option<(Epoch, FrameId)>,
+    /// Drawn before that one, which was drawn ahead of its turn.
+    kept: Option<RenderedFrame>,
+    shown: Option<FrameKey>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct RenderedFrame {
-    epoch: Epoch,
-    frame: FrameId,
+    key: FrameKey,
     display: OutputMode,
     /// How long that took.
     took_us: u64,
 }
 
 impl FrameScheduler {
-    /// A frame command: it takes the place of an older one that was not drawn.
+    /// A frame command. An older one that was not drawn is passed over if the wall has swapped it
+    /// meanwhile, or as many wait as the manager sends at a time.
     pub fn handle_frame(&mut self, frame: Box<Frame>) {
-        self.waiting_frame = Some(frame);
+        while let Some(oldest) = self.waiting_frames.front()
+            && (self.waiting_frames.len() == WAITING_MAX
+                || self.is_swapped((oldest.epoch, oldest.frame)))
+        {
+            self.waiting_frames.pop_front();
+        }
+        self.waiting_frames.push_back(frame);
     }
 
     /// A swap command. `Some` is to be done at once: the frame behind it may follow in the same
     /// breath.
     pub fn handle_swap(&mut self, swap: Swap, manager_us: Option<u64>) -> Option<FrameAction> {
         self.waiting_swap = Some(swap);
+        self.swapped = Some((swap.epoch, swap.frame));
+        while self.waiting_frames.len() > 1
+            && self.waiting_frames.front().is_some_and(|f| self.is_swapped((f.epoch, f.frame)))
+        {
+            self.waiting_frames.pop_front();
+        }
         self.take_show(manager_us)
     }
 
@@ -64,7 +93,15 @@ impl FrameScheduler {
     /// known. A drawn frame must be noted by [`FrameScheduler::frame_drawn`] before this is asked
     /// again.
     pub fn poll(&mut self, manager_us: Option<u64>) -> Option<FrameAction> {
-        self.take_show(manager_us).or_else(|| self.waiting_frame.take().map(FrameAction::Draw))
+        if let Some(show) = self.take_show(manager_us) {
+            return Some(show);
+        }
+        let frame = self.waiting_frames.pop_front()?;
+        if let Some(drawn) = self.drawn.take().filter(|drawn| !self.is_swapped(drawn.key)) {
+            self.kept = Some(drawn);
+        }
+        let keep = self.kept.map(|kept| kept.key);
+        Some(FrameAction::Draw { frame, keep })
     }
 
     /// The channels have drawn this frame in this time; it may be shown. `Some` is to be done at
@@ -79,7 +116,7 @@ impl FrameScheduler {
         let took_us = took.min(SLOW_GRACE_MAX).as_micros() as u64;
         let Frame { epoch, frame, ref presentation, .. } = *frame;
         let display = presentation.output_mode;
-        self.drawn = Some(RenderedFrame { epoch, frame, display, took_us });
+        self.drawn = Some(RenderedFrame { key: (epoch, frame), display, took_us });
         self.take_show(manager_us)
     }
 
@@ -88,26 +125,33 @@ impl FrameScheduler {
         *self = Self { shown: self.shown, ..Self::default() };
     }
 
+    /// Whether the wall has swapped this frame, or a later one.
+    fn is_swapped(&self, (epoch, frame): FrameKey) -> bool {
+        self.swapped.is_some_and(|(of, newest)| of == epoch && newest >= frame)
+    }
+
     fn take_show(&mut self, manager_us: Option<u64>) -> Option<FrameAction> {
         let swap = self.waiting_swap?;
-        let drawn = self.drawn?;
+        let key = (swap.epoch, swap.frame);
         let is_old =
             self.shown.is_some_and(|(epoch, frame)| epoch == swap.epoch && frame >= swap.frame);
-        // Whoever draws slowly may show what it drew by so much later; whoever stood still with a
-        // drawn frame may not.
-        let not_after_us = swap.not_after_us.saturating_add(drawn.took_us);
-        let is_expired = manager_us.is_some_and(|now| now > not_after_us);
-        if is_old || is_expired {
+        if is_old {
             self.waiting_swap = None;
             return None;
         }
-        if (drawn.epoch, drawn.frame) != (swap.epoch, swap.frame) {
-            // Not drawn yet, or passed over; a newer swap will replace it.
+        // If neither, it is not drawn yet or passed over; a newer swap will replace it.
+        let ready = [self.kept, self.drawn].into_iter().flatten().find(|drawn| drawn.key == key)?;
+        self.waiting_swap = None;
+        self.kept = None;
+        // Whoever draws slowly may show what it drew by so much later; whoever stood still with a
+        // drawn frame may not.
+        let not_after_us = swap.not_after_us.saturating_add(ready.took_us);
+        if manager_us.is_some_and(|now| now > not_after_us) {
             return None;
         }
-        self.waiting_swap = None;
-        self.shown = Some((swap.epoch, swap.frame));
-        Some(FrameAction::Show { epoch: swap.epoch, frame: swap.frame, display: drawn.display })
+        self.shown = Some(key);
+        let RenderedFrame { key: (epoch, frame), display, .. } = ready;
+        Some(FrameAction::Show { epoch, frame, display })
     }
 }
 
@@ -139,6 +183,11 @@ mod tests {
         Swap { epoch: EPOCH, frame: FrameId(n), not_after_us }
     }
 
+    fn draw(n: u64, keep: Option<u64>) -> FrameAction {
+        let keep = keep.map(|n| (EPOCH, FrameId(n)));
+        FrameAction::Draw { frame: Box::new(frame(n)), keep }
+    }
+
     fn show(n: u64) -> FrameAction {
         FrameAction::Show { epoch: EPOCH, frame: FrameId(n), display: OutputMode::Normal }
     }
@@ -147,7 +196,7 @@ mod tests {
     fn a_frame_is_drawn_and_then_shown_once() {
         let mut playback = FrameScheduler::default();
         playback.handle_frame(Box::new(frame(1)));
-        assert_eq!(playback.poll(Some(0)), Some(FrameAction::Draw(Box::new(frame(1)))));
+        assert_eq!(playback.poll(Some(0)), Some(draw(1, None)));
         assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), None);
         let act = playback.frame_drawn(&frame(1), Duration::ZERO, Some(20));
         assert_eq!(act, Some(show(1)));
@@ -165,7 +214,7 @@ mod tests {
             assert_eq!(playback.handle_swap(swap(n - 1, n * 10), Some(9_999)), None);
             playback.handle_frame(Box::new(frame(n)));
         }
-        assert_eq!(playback.poll(Some(9_999)), Some(FrameAction::Draw(Box::new(frame(49)))));
+        assert_eq!(playback.poll(Some(9_999)), Some(draw(49, None)));
         assert_eq!(playback.frame_drawn(&frame(49), Duration::ZERO, None), None);
         assert_eq!(playback.handle_swap(swap(49, 10_100), Some(10_000)), Some(show(49)));
     }
@@ -199,7 +248,7 @@ mod tests {
         assert_eq!(playback.frame_drawn(&frame(1), Duration::ZERO, None), None);
         assert_eq!(playback.handle_swap(swap(1, 100), None), Some(show(1)));
         playback.handle_frame(Box::new(frame(2)));
-        assert_eq!(playback.poll(None), Some(FrameAction::Draw(Box::new(frame(2)))));
+        assert_eq!(playback.poll(None), Some(draw(2, None)));
     }
 
     #[test]
@@ -217,5 +266,61 @@ mod tests {
             let shown = playback.handle_swap(swap(3, 100_000), Some(at_us));
             assert_eq!(shown.is_some(), is_shown, "{took:?} {at_us}");
         }
+    }
+
+    #[test]
+    fn a_frame_that_waits_for_its_swap_is_kept_while_the_next_one_is_drawn() {
+        let mut playback = FrameScheduler::default();
+        playback.handle_frame(Box::new(frame(1)));
+        playback.handle_frame(Box::new(frame(2)));
+        for n in 1..20 {
+            let keep = (n > 1).then(|| n - 1);
+            assert_eq!(playback.poll(Some(0)), Some(draw(n, keep)));
+            assert_eq!(playback.frame_drawn(&frame(n), Duration::ZERO, Some(0)), None);
+            if n > 1 {
+                assert_eq!(playback.handle_swap(swap(n - 1, 100), Some(0)), Some(show(n - 1)));
+                playback.handle_frame(Box::new(frame(n + 1)));
+            }
+        }
+        assert_eq!(playback.handle_swap(swap(19, 100), Some(0)), Some(show(19)));
+    }
+
+    #[test]
+    fn both_swaps_that_come_together_are_done_in_their_order() {
+        let mut playback = FrameScheduler::default();
+        for n in [1, 2] {
+            playback.handle_frame(Box::new(frame(n)));
+            assert!(playback.poll(None).is_some());
+            assert_eq!(playback.frame_drawn(&frame(n), Duration::ZERO, None), None);
+        }
+        assert_eq!(playback.handle_swap(swap(1, 100), None), Some(show(1)));
+        assert_eq!(playback.handle_swap(swap(2, 100), None), Some(show(2)));
+    }
+
+    #[test]
+    fn a_kept_frame_whose_swap_has_expired_is_not_shown_and_the_next_one_is() {
+        let mut playback = FrameScheduler::default();
+        for n in [1, 2] {
+            playback.handle_frame(Box::new(frame(n)));
+            assert!(playback.poll(None).is_some());
+            playback.frame_drawn(&frame(n), Duration::ZERO, None);
+        }
+        assert_eq!(playback.handle_swap(swap(1, 100), Some(101)), None);
+        assert_eq!(playback.handle_swap(swap(2, 200), Some(101)), Some(show(2)));
+    }
+
+    #[test]
+    fn a_frame_that_the_wall_has_swapped_is_passed_over_for_the_next_one() {
+        let mut playback = FrameScheduler::default();
+        playback.handle_frame(Box::new(frame(1)));
+        playback.handle_frame(Box::new(frame(2)));
+        assert_eq!(playback.handle_swap(swap(1, 100), Some(0)), None);
+        assert_eq!(playback.poll(Some(0)), Some(draw(2, None)));
+        // A third frame is sent only when the first one is over.
+        for n in 3..6 {
+            playback.handle_frame(Box::new(frame(n)));
+        }
+        playback.frame_drawn(&frame(2), Duration::ZERO, Some(0));
+        assert_eq!(playback.poll(Some(0)), Some(draw(4, Some(2))));
     }
 }

@@ -247,7 +247,16 @@ impl RenderThread {
 
     fn perform(&mut self, act: FrameAction) {
         match act {
-            FrameAction::Draw(frame) => self.draw(&frame),
+            FrameAction::Draw { frame, keep } => {
+                if let Some(key) = keep {
+                    self.outputs.iter_mut().for_each(|output| output.keep_aside(&self.gpu, key));
+                }
+                self.draw(&frame);
+                // Where the next frame is here already, this thread would never wait for uploads.
+                if let Ok(upload) = self.queues.uploads.try_recv() {
+                    self.upload(upload);
+                }
+            }
             FrameAction::Show { epoch, frame, display } => {
                 let _span = tracing::error_span!("show", frame = frame.0).entered();
                 self.show(epoch, frame, display);

@@ -1,12 +1,14 @@
 //! `polyptych simulate`: a whole wall on one machine, with real processes.
 
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
-use polyptych_client::{Bounds, Camera, QualityBounds, fit_bounds};
+use polyptych_client::blocking::Pending;
+use polyptych_client::{Bounds, Camera, QualityBounds, Request, Response, fit_bounds};
 use polyptych_manager::recorder::Recorder;
 use polyptych_text::counted;
 use polyptych_wall::Wall;
@@ -197,7 +199,8 @@ fn drive(
     }
     client.statistics(true)?;
     let mut faults = Faults::new(&arguments.fault, arguments.fault_seed, wall, local)?;
-    draw_frames(local, arguments, &camera, navigations, &mut faults)?;
+    let run = FrameRun { local, arguments, camera: &camera, ahead: wall.sync.pipeline_depth };
+    run.draw(navigations, &mut faults)?;
     let ending = local.end.ending();
     let statistics = client.statistics(false)?;
     let (faults, faults_unrecorded) = faults.finish();
@@ -249,43 +252,64 @@ fn frame_count(arguments: &Arguments) -> Option<u64> {
     }
 }
 
-fn draw_frames(
-    local: &LocalWall,
-    arguments: &Arguments,
-    camera: &dyn Fn(u64) -> Option<Camera>,
-    mut navigations: u64,
-    faults: &mut Faults<'_>,
-) -> anyhow::Result<()> {
-    let count = frame_count(arguments);
-    let bar = ProgressBar::with_draw_target(count, progress::target());
-    let wide = if count.is_some() { "{wide_bar} " } else { "" };
-    let template = format!("drawing {wide}frame {{pos}}, {{per_sec}}");
-    if let Ok(style) = ProgressStyle::with_template(&template) {
-        bar.set_style(style);
-    }
-    let start = Instant::now();
-    for n in 0.. {
-        let is_over = arguments.seconds.is_some_and(|length| start.elapsed() >= length);
-        if count.is_some_and(|count| n >= count) || is_over {
-            break;
+/// The frames of a run.
+struct FrameRun<'a> {
+    local: &'a LocalWall,
+    arguments: &'a Arguments,
+    camera: &'a dyn Fn(u64) -> Option<Camera>,
+    /// Frames that are asked for before the last one was answered, as many as the wall draws ahead.
+    ahead: u32,
+}
+
+impl FrameRun<'_> {
+    fn draw(&self, mut navigations: u64, faults: &mut Faults<'_>) -> anyhow::Result<()> {
+        let Self { local, arguments, camera, ahead } = *self;
+        let count = frame_count(arguments);
+        let bar = ProgressBar::with_draw_target(count, progress::target());
+        let wide = if count.is_some() { "{wide_bar} " } else { "" };
+        let template = format!("drawing {wide}frame {{pos}}, {{per_sec}}");
+        if let Ok(style) = ProgressStyle::with_template(&template) {
+            bar.set_style(style);
         }
-        let due = arguments.rate.map_or(Duration::ZERO, |rate| {
-            Duration::try_from_secs_f64(n as f64 / rate).unwrap_or(Duration::MAX)
-        });
-        if local.end.wait_until(start.checked_add(due).unwrap_or(start)).is_some() {
-            break;
+        let mut asked = VecDeque::new();
+        let mut answer = |n: u64, pending: Pending| -> anyhow::Result<u64> {
+            let Response::Frame(feedback) = pending.wait()? else {
+                bail!("frame {} of the run was answered with something else", n + 1);
+            };
+            local.end.has_results();
+            faults.note(n + 1, &feedback)?;
+            bar.inc(1);
+            Ok(feedback.navigations)
+        };
+        let start = Instant::now();
+        for n in 0.. {
+            let is_over = arguments.seconds.is_some_and(|length| start.elapsed() >= length);
+            if count.is_some_and(|count| n >= count) || is_over {
+                break;
+            }
+            let due = arguments.rate.map_or(Duration::ZERO, |rate| {
+                Duration::try_from_secs_f64(n as f64 / rate).unwrap_or(Duration::MAX)
+            });
+            if local.end.wait_until(start.checked_add(due).unwrap_or(start)).is_some() {
+                break;
+            }
+            let time_s = Some(n as f64 / arguments.rate.unwrap_or(orbit::TIME_RATE));
+            // Once the mouse has moved the camera, it is the user's.
+            let own = if navigations == 0 { camera(n) } else { None };
+            let request = Request::RenderFrame { camera: own, time_s };
+            asked.push_back((n, local.client.submit(request)?));
+            if asked.len() > ahead as usize
+                && let Some((n, pending)) = asked.pop_front()
+            {
+                navigations = answer(n, pending)?;
+            }
         }
-        let time_s = n as f64 / arguments.rate.unwrap_or(orbit::TIME_RATE);
-        // Once the mouse has moved the camera, it is the user's.
-        let own = if navigations == 0 { camera(n) } else { None };
-        let feedback = local.client.render_frame_at(own, Some(time_s))?;
-        local.end.has_results();
-        navigations = feedback.navigations;
-        faults.note(n + 1, &feedback)?;
-        bar.inc(1);
+        for (n, pending) in asked {
+            answer(n, pending)?;
+        }
+        bar.finish_and_clear();
+        Ok(())
     }
-    bar.finish_and_clear();
-    Ok(())
 }
 
 fn print_summary(report: &RunReport, out: &Path) -> anyhow::Result<()> {

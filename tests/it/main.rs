@@ -70,6 +70,7 @@ mod notes;
 mod observation;
 mod one_process;
 mod outputs;
+mod pipelining;
 mod prove;
 mod queued_requests;
 mod reconnecting;

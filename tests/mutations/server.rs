@@ -53,7 +53,7 @@ impl Server {
             Command::Goodbye(_) => self.playback.reset(),
         }
         while let Some(act) = self.playback.poll(Some(self.now)) {
-            if let FrameAction::Draw(frame) = act {
+            if let FrameAction::Draw { frame, .. } = act {
                 drop(self.playback.frame_drawn(&frame, Duration::ZERO, Some(self.now)));
             }
         }

@@ -50,6 +50,7 @@ fn statistics() -> Statistics {
     Statistics {
         frames: 3,
         complete: 2,
+        ahead: 1,
         seconds: 0.1,
         frame_ms: spread,
         draw_ms: spread,

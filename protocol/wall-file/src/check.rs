@@ -4,14 +4,16 @@ use std::path::Path;
 
 use glam::DVec3;
 use polyptych_wall::head::{EYE_SEPARATION_MAX_M, HEAD_REACH_MAX_M};
-use polyptych_wall::limits::PATH_BYTES_MAX;
-use polyptych_wall::limits::{CHANNELS_MAX, LEAK_MAX, NAME_BYTES_MAX, PORT_DEFAULT, SCREENS_MAX};
+use polyptych_wall::limits::{
+    CHANNELS_MAX, LEAK_MAX, NAME_BYTES_MAX, PATH_BYTES_MAX, PIPELINE_DEPTH_MAX, PORT_DEFAULT,
+    SCREENS_MAX,
+};
 use polyptych_wall::viewpoint::STEREO_ERROR_RANGE_PX;
-use polyptych_wall::{BlendConfig, DeadlinePolicy, Screen, StereoRule, Wall};
+use polyptych_wall::{BlendConfig, DeadlinePolicy, Screen, StereoRule, SyncPolicy, Wall};
 
 use super::document::{
     BlendSection, DeadlineSection, Document, NetworkSection, ScreenSection, StorageSection,
-    WallSection,
+    SyncSection, WallSection,
 };
 use super::error::WallFileError;
 use super::files::Files;
@@ -39,6 +41,7 @@ const WAIT_MS_MAX: u32 = 60_000;
 pub(super) fn wall(source: &SourceText<'_>, document: &Document) -> Result<Wall, WallFileError> {
     check_head(source, &document.wall)?;
     let deadline = deadline(source, &document.deadline)?;
+    let sync = sync(source, &document.sync)?;
     check_network(source, &document.network)?;
     let stores = folders(source, "storage.stores", &document.storage)?;
     let scenes = folders(source, "storage.scenes", &document.storage)?;
@@ -65,6 +68,7 @@ pub(super) fn wall(source: &SourceText<'_>, document: &Document) -> Result<Wall,
         dither: document.wall.dither,
         files: files.into_list(),
         deadline,
+        sync,
         heartbeat_ms: document.network.heartbeat_ms,
         listen: document.network.listen.clone(),
         stores,
@@ -186,6 +190,16 @@ fn deadline(
         return Err(source.error("deadline.min_ms", what, format!("write {max_ms} or less")));
     }
     Ok(DeadlinePolicy { factor, min_ms, max_ms })
+}
+
+fn sync(source: &SourceText<'_>, section: &SyncSection) -> Result<SyncPolicy, WallFileError> {
+    let &SyncSection { pipeline_depth } = section;
+    if pipeline_depth > PIPELINE_DEPTH_MAX {
+        let what = format!("{pipeline_depth} frames cannot be sent ahead");
+        let remedy = format!("write 0 to {PIPELINE_DEPTH_MAX}");
+        return Err(source.error("sync.pipeline_depth", what, remedy));
+    }
+    Ok(SyncPolicy { pipeline_depth })
 }
 
 fn check_network(source: &SourceText<'_>, network: &NetworkSection) -> Result<(), WallFileError> {

@@ -33,6 +33,9 @@ pub struct Document {
     /// How long a frame waits for a channel.
     #[serde(default)]
     pub deadline: DeadlineSection,
+    /// When frames are sent and swapped.
+    #[serde(default)]
+    pub sync: SyncSection,
     /// Addresses and silence.
     #[serde(default)]
     pub network: NetworkSection,
@@ -103,6 +106,16 @@ pub struct DeadlineSection {
     pub min_ms: u32,
     /// Never longer than this, in milliseconds.
     pub max_ms: u32,
+}
+
+/// When frames are sent and swapped.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SyncSection {
+    /// 1: the next frame is sent while the last one waits for its swap, so that the round trip to
+    /// the servers does not add to each frame; what is seen lags by one frame more, and each
+    /// window takes the memory of one more picture. 0: one frame after the other.
+    pub pipeline_depth: u32,
 }
 
 /// Addresses and silence.

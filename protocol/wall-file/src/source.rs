@@ -95,7 +95,7 @@ impl<'a> SourceText<'a> {
         for (name, value) in self.root.get_ref() {
             let name = name.get_ref().as_ref();
             match name {
-                "wall" | "deadline" | "network" | "storage" | "blend" => {
+                "wall" | "deadline" | "sync" | "network" | "storage" | "blend" => {
                     self.check_table(name, value.get_ref(), name)?;
                 }
                 "screen" => {

@@ -11,7 +11,7 @@ use polyptych_wall::{Bezel, Channel, ChannelKind, FrustumMode, Screen, Surface, 
 use super::document::{
     AdjustSection, BlendSection, ChannelSection, CylinderSection, DeadlineSection, Document,
     HiddenSection, NetworkSection, ProjectionChoice, ProjectorSection, Rotation, ScreenSection,
-    SphereSection, StorageSection, TilesSection, WallSection,
+    SphereSection, StorageSection, SyncSection, TilesSection, WallSection,
 };
 use super::rotation::{degrees, written};
 use crate::coverage::{eyes, is_plain_tile, is_seen_by};
@@ -42,6 +42,7 @@ pub fn to_toml(wall: &Wall) -> String {
             min_ms: wall.deadline.min_ms,
             max_ms: wall.deadline.max_ms,
         },
+        sync: SyncSection { pipeline_depth: wall.sync.pipeline_depth },
         network: NetworkSection { listen: wall.listen.clone(), heartbeat_ms: wall.heartbeat_ms },
         storage: StorageSection { stores: wall.stores.clone(), scenes: wall.scenes.clone() },
         blend: BlendSection { exponent: wall.blend.exponent, leak: wall.blend.leak },

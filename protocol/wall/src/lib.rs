@@ -55,7 +55,7 @@ pub use viewpoint::{StereoMode, StereoRule, Viewpoint};
 
 use crate::limits::{
     CANVAS_SIDE_MAX, CHANNEL_SIDE_MAX, CHANNELS_MAX, DEADLINE_FACTOR_DEFAULT, DEADLINE_MAX_DEFAULT,
-    DEADLINE_MIN_DEFAULT, HEARTBEAT_DEFAULT, SCREENS_MAX, WALL_FILES_MAX,
+    DEADLINE_MIN_DEFAULT, HEARTBEAT_DEFAULT, PIPELINE_DEPTH_MAX, SCREENS_MAX, WALL_FILES_MAX,
 };
 
 /// From one eye to the other: the mean of adults, N. Dodgson, *Variation and extrema of human
@@ -93,6 +93,8 @@ pub struct Wall {
     pub files: Vec<CalibrationFile>,
     /// How long a frame waits for a channel.
     pub deadline: DeadlinePolicy,
+    /// When frames are sent and swapped.
+    pub sync: SyncPolicy,
     /// A peer that is silent this long is lost.
     pub heartbeat_ms: u32,
     /// Where the manager listens.
@@ -112,6 +114,14 @@ pub struct DeadlinePolicy {
     pub min_ms: u32,
     /// Never longer than this.
     pub max_ms: u32,
+}
+
+/// When frames are sent and swapped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SyncPolicy {
+    /// Frames that are sent ahead of the one that waits for its swap: 0 to
+    /// [`PIPELINE_DEPTH_MAX`](limits::PIPELINE_DEPTH_MAX).
+    pub pipeline_depth: u32,
 }
 
 /// How channels share the light of a place that several of them light.
@@ -190,6 +200,7 @@ impl Wall {
                 min_ms: DEADLINE_MIN_DEFAULT.as_millis() as u32,
                 max_ms: DEADLINE_MAX_DEFAULT.as_millis() as u32,
             },
+            sync: SyncPolicy::default(),
             heartbeat_ms: HEARTBEAT_DEFAULT.as_millis() as u32,
             listen: "127.0.0.1:0".to_owned(),
             stores: Vec::new(),
@@ -217,6 +228,9 @@ impl Wall {
         let BlendConfig { exponent, leak } = self.blend;
         if !(is_separate && exponent > 0.0 && exponent.is_finite() && (0.0..1.0).contains(&leak)) {
             return Some("the eye separation or the rule of blends is out of range".into());
+        }
+        if self.sync.pipeline_depth > PIPELINE_DEPTH_MAX {
+            return Some("more frames are sent ahead than may be".into());
         }
         if !self.stereo.is_sound() {
             return Some("the error of omnidirectional stereo is out of range".into());

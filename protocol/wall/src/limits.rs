@@ -69,6 +69,10 @@ pub const DEADLINE_MAX_DEFAULT: Duration = Duration::from_secs(2);
 /// The deadline by default, as a multiple of the wall's median draw time.
 pub const DEADLINE_FACTOR_DEFAULT: f64 = 4.0;
 
+/// Maximum number of frames that are sent ahead of the one that waits for its swap: one hides the
+/// round trip to the servers, and each further one would show every input a frame later.
+pub const PIPELINE_DEPTH_MAX: u32 = 1;
+
 /// The manager's port where a wall file names none.
 pub const PORT_DEFAULT: u16 = 7878;
 

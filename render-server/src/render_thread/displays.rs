@@ -32,7 +32,7 @@ impl RenderThread {
                 continue;
             }
             if is_taken {
-                output.latch_image(&self.gpu);
+                output.latch_image(&self.gpu, (epoch, frame));
             }
             match output.present(&self.gpu, &self.showing, &self.identity) {
                 Ok(()) => self.send(render_event::shown(epoch, frame, id, &self.clock)),

@@ -203,6 +203,33 @@ fn a_display_shows_what_was_swapped_and_not_what_is_drawn_next() {
 }
 
 #[test]
+fn a_picture_that_was_drawn_ahead_is_shown_with_its_own_swap() {
+    let mut stage = RenderThreadFixture::new();
+    let pictures = [0.3, 0.5, 0.7, 0.9].map(|exposure| stage.show(exposure, OutputMode::Normal));
+    let swap = |stage: &mut RenderThreadFixture, frame: u64| {
+        let swap = Swap { epoch: EPOCH, frame: FrameId(frame), not_after_us: u64::MAX };
+        stage.thread.handle(RenderTask::Swap(swap));
+    };
+    let first = stage.frame + 1;
+    stage.draw(0.3, OutputMode::Normal);
+    for (ahead, exposure) in [(1, 0.5), (2, 0.7), (3, 0.9)] {
+        let before = stage.seen();
+        stage.draw(exposure, OutputMode::Normal);
+        assert_eq!(stage.seen(), before, "frame {ahead} is drawn and not shown");
+        swap(&mut stage, first + ahead - 1);
+        assert_eq!(stage.seen(), pictures[ahead as usize - 1]);
+    }
+    swap(&mut stage, first + 3);
+    assert_eq!(stage.seen(), pictures[3]);
+    // A frozen display keeps it, though frames go on two by two.
+    stage.draw(0.3, OutputMode::Freeze);
+    stage.draw(0.5, OutputMode::Freeze);
+    swap(&mut stage, first + 4);
+    swap(&mut stage, first + 5);
+    assert_eq!(stage.seen(), pictures[3]);
+}
+
+#[test]
 fn a_wall_whose_displays_are_turned_and_curved_shows_it_from_the_next_frame_on() {
     let mut stage = RenderThreadFixture::new();
     let upright = stage.show(0.5, OutputMode::Normal);

@@ -89,9 +89,14 @@ pub(super) struct Barrier {
     is_untypical: bool,
     pub time_s: f64,
     pub began: Micros,
-    deadline: Micros,
+    /// When it began or the frame before it was swapped, whichever is later.
+    pub turn: Micros,
+    /// How long it waits from its turn on.
+    wait: Micros,
     /// How long it waits while nobody has drawn: longer where all are late, of whom one may hang.
     patience: Micros,
+    /// It was sent while another frame was on its way.
+    pub is_ahead: bool,
     /// Whether it began when all were late; then whoever draws it within the longest wait is on
     /// the way back, and the deadline learns from it.
     is_all_late: bool,
@@ -101,7 +106,7 @@ pub(super) struct Barrier {
     /// How many channels these servers draw it on.
     sent_channels: usize,
     /// The channels that the frame waits for, until they have drawn, failed or gone.
-    waited: Vec<ChannelId>,
+    pub waited: Vec<ChannelId>,
     /// The same as the frame began: late channels that draw in time don't slow it.
     awaited: Vec<ChannelId>,
     /// What each server drew of those, in microseconds: its channels are drawn one after another.
@@ -123,9 +128,25 @@ struct Participants {
 }
 
 impl Barrier {
-    /// When it is over, as far as is known now.
+    /// How long it waits from its turn on, as far as is known now.
+    pub fn length(&self) -> Micros {
+        if self.drawn.is_empty() { self.patience } else { self.wait }
+    }
+
+    /// When it is over, as far as is known now. Only the oldest frame has a deadline.
     pub fn deadline(&self) -> Micros {
-        if self.drawn.is_empty() { self.patience } else { self.deadline }
+        self.turn + self.length()
+    }
+
+    /// Whether another frame may be sent behind it.
+    pub fn is_ordinary(&self) -> bool {
+        !self.is_untypical && !self.is_all_late
+    }
+
+    /// It waits for these channels no longer, and their times do not count for it.
+    pub fn give_up(&mut self, channels: &[ChannelId]) {
+        self.waited.retain(|id| !channels.contains(id));
+        self.awaited.retain(|id| !channels.contains(id));
     }
 
     /// The longest that a server drew for the channels that the frame waited for, where one has.
@@ -215,7 +236,8 @@ impl Cluster {
         let error_px = detail.error_px;
         self.beginnings.add(now, error_px);
         self.command(sent.clone(), Command::Frame(self.describe_frame(time_s, capture, detail)));
-        self.barrier = Some(Barrier {
+        let is_ahead = !self.pipeline.is_empty();
+        self.pipeline.push(Barrier {
             frame: self.frame,
             revision: self.shown.revision,
             digest: self.shown_digest,
@@ -223,8 +245,10 @@ impl Cluster {
             is_untypical: is_cold || capture,
             time_s,
             began: now,
-            deadline: now + wait,
-            patience: now + patience,
+            turn: now,
+            wait,
+            patience,
+            is_ahead,
             is_all_late,
             order,
             sent,
@@ -234,7 +258,7 @@ impl Cluster {
             busy_us: BTreeMap::new(),
             drawn: BTreeMap::new(),
         });
-        if self.barrier.as_ref().is_some_and(Barrier::is_complete) {
+        if self.pipeline.oldest().is_some_and(Barrier::is_complete) {
             self.finish_frame(now);
         }
     }
@@ -307,8 +331,8 @@ impl Cluster {
         if drawn.epoch != self.epoch || !self.registry.owns_channel(from, drawn.channel) {
             return;
         }
-        // The present frame may be of the state before the one that is shown from the next on.
-        let present = self.barrier.as_ref().filter(|b| b.revision == drawn.revision);
+        // A frame on its way may be of the state before the one that is shown from the next on.
+        let present = self.pipeline.iter().find(|b| b.revision == drawn.revision);
         let shown = (self.shown.revision == drawn.revision).then_some(self.shown_digest);
         let Some(digest) = present.map(|b| b.digest).or(shown) else { return };
         if drawn.digest != digest {
@@ -317,21 +341,22 @@ impl Cluster {
         }
         // A late channel is measured by the deadline, not by the others: one that is slower than
         // they are, but not too slow, would else be late for ever.
-        let allowed = match &self.barrier {
-            Some(b) if b.is_all_late => self.deadline.longest(),
-            Some(b) if b.awaits(drawn) => b.deadline() - b.began,
-            _ => self.deadline.length(),
+        let awaiting = self.pipeline.iter().find(|b| b.awaits(drawn));
+        let allowed = if self.pipeline.iter().any(|b| b.is_all_late) {
+            self.deadline.longest()
+        } else {
+            awaiting.map_or_else(|| self.deadline.length(), Barrier::length)
         };
+        let is_awaited = awaiting.is_some();
         let beginning = self.beginnings.of(drawn.frame, self.frame);
         let began = beginning.map(|(began, _)| began);
         self.registry.record_draw(drawn.channel, drawn.draw_us, now, began, allowed);
-        let is_awaited = self.barrier.as_ref().is_some_and(|b| b.awaits(drawn));
         if let Some((_, error_px)) = beginning.filter(|_| !is_awaited) {
             let draw_us = Micros::from(drawn.draw_us);
             self.rate_bound.add_late(&self.presentation.bounds, draw_us, error_px);
         }
-        let is_its = |b: &&mut Barrier| (b.frame, b.revision) == (drawn.frame, drawn.revision);
-        let Some(barrier) = self.barrier.as_mut().filter(is_its) else {
+        let is_its = |b: &&mut Barrier| b.revision == drawn.revision;
+        let Some(barrier) = self.pipeline.frame_mut(drawn.frame).filter(is_its) else {
             if let Some(began) = began {
                 self.gathered.add_drawn(drawn, now.saturating_sub(began));
             }
@@ -368,30 +393,32 @@ impl Cluster {
             let channel = self.wall.channel(channel).map_or("?", |channel| channel.name.as_str());
             tracing::warn!(channel, reason, times, "a channel could not draw");
         }
-        if self.barrier.as_ref().is_some_and(|b| b.frame == frame) {
+        if self.pipeline.frame(frame).is_some() {
             span::frame_span(frame).in_scope(|| self.registry.record_miss(channel, now, reason));
             self.stop_waiting_for(&[channel], now);
         }
     }
 
-    /// The present frame goes on without these channels.
+    /// The frames on their way go on without these channels.
     pub(super) fn stop_waiting_for(&mut self, channels: &[ChannelId], now: Micros) {
-        if let Some(barrier) = &mut self.barrier {
-            barrier.waited.retain(|id| !channels.contains(id));
+        if !self.pipeline.is_empty() {
+            self.pipeline.stop_waiting_for(channels);
             self.advance_frame(now);
         }
     }
 
-    /// Swaps the present frame: all it waited for have drawn, or its deadline has passed.
+    /// Swaps the oldest frame: all it waited for have drawn, or its deadline has passed.
     pub(super) fn finish_frame(&mut self, now: Micros) {
-        let Some(barrier) = self.barrier.take() else { return };
+        let Some(barrier) = self.pipeline.take_oldest(now) else { return };
         for &id in &barrier.waited {
-            let waited_ms = (barrier.deadline() - barrier.began) / 1000;
+            let waited_ms = barrier.length() / 1000;
             let reason = format!("frame {} was not drawn within {waited_ms} ms", barrier.frame);
             let miss = || self.registry.record_miss(id, now, reason);
             span::frame_span(barrier.frame).in_scope(miss);
         }
-        self.registry.admit_late(now, self.frame);
+        if self.pipeline.is_empty() {
+            self.registry.admit_late(now, self.frame);
+        }
         // A server that hangs longer than a frame may take must not show this one any more.
         let swap = Swap {
             epoch: self.epoch,
@@ -406,7 +433,7 @@ impl Cluster {
         }
         if !barrier.is_untypical {
             // One that was not waited for any longer took as long as that.
-            let missed_us = (!barrier.waited.is_empty()).then(|| now.saturating_sub(barrier.began));
+            let missed_us = (!barrier.waited.is_empty()).then(|| now.saturating_sub(barrier.turn));
             if let Some(us) = slowest_us.map(Micros::from).max(missed_us) {
                 self.rate_bound.add(&self.presentation.bounds, us, barrier.error_px);
             }
@@ -415,7 +442,8 @@ impl Cluster {
         let is_awaited = !barrier.awaited.is_empty();
         let is_complete = feedback.is_complete();
         let limiting = barrier.limiting_channel();
-        let facts = FrameFacts { is_awaited, is_complete, slowest_us, limiting };
+        let is_ahead = barrier.is_ahead;
+        let facts = FrameFacts { is_awaited, is_complete, is_ahead, slowest_us, limiting };
         self.gathered.add_frame(&feedback, facts, now);
         let (frame, sent) = (barrier.frame, barrier.sent_channels);
         if let Some(compared) = self.present_calls.swapped(frame, sent, now) {

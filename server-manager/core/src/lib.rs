@@ -23,6 +23,7 @@ mod navigate;
 mod outcome;
 mod pace;
 mod persistent_state;
+mod pipeline;
 mod presentation;
 mod progress;
 mod rate_bound;
@@ -62,6 +63,7 @@ pub use follow::FollowedNode;
 pub use input::Input;
 use pace::Pacer;
 pub use persistent_state::PersistentState;
+use pipeline::Pipeline;
 use registry::Registry;
 use skew::SkewTracker;
 pub use snapshot::Snapshot;
@@ -224,7 +226,7 @@ pub struct Cluster {
     registry: Registry,
     clients: BTreeMap<SessionId, ClientState>,
     orders: VecDeque<FrameRequest>,
-    barrier: Option<Barrier>,
+    pipeline: Pipeline,
     beginnings: barrier::FrameStartTimes,
     /// The last frame that was begun.
     frame: FrameId,
@@ -288,7 +290,7 @@ impl Cluster {
             registry: Registry::new(&wall, heartbeat_us),
             clients: BTreeMap::new(),
             orders: VecDeque::new(),
-            barrier: None,
+            pipeline: Pipeline::default(),
             beginnings: barrier::FrameStartTimes::default(),
             frame: FrameId(0),
             swapped: FrameId(0),
@@ -403,13 +405,16 @@ impl Cluster {
 
     /// When [`Input::Timeout`] is due next, if ever.
     pub fn poll_timeout(&self) -> Option<Micros> {
-        let frame = match &self.barrier {
-            Some(barrier) => Some(barrier.deadline()),
-            None if self.is_asked_for_a_frame() => Some(0),
-            None => self.pacer.next_start(),
+        let begins = if !self.may_begin() {
+            None
+        } else if self.is_asked_for_a_frame() {
+            Some(0)
+        } else {
+            self.pacer.next_start()
         };
         [
-            frame,
+            begins,
+            self.pipeline.oldest().map(Barrier::deadline),
             self.registry.next_heartbeat_timeout(),
             self.registry.next_retry(),
             self.changes.next_expiry(),
@@ -427,16 +432,19 @@ impl Cluster {
 
     /// Moves the frame on as far as it goes now: ends the present one, begins the next.
     fn advance_frame(&mut self, now: Micros) {
-        if let Some(barrier) = &self.barrier
-            && (barrier.is_complete() || now >= barrier.deadline())
-        {
+        let is_over = |barrier: &Barrier| barrier.is_complete() || now >= barrier.deadline();
+        if self.pipeline.oldest().is_some_and(is_over) {
             self.finish_frame(now);
+            // What was drawn ahead of its turn may be shown now.
+            if self.pipeline.oldest().is_some_and(Barrier::is_complete) {
+                self.finish_frame(now);
+            }
             // The next begins once the swap is on its way, which `poll_timeout` asks for at once:
             // its own time then counts from its own command.
             return;
         }
         // One frame begins at most: a wall without channels would otherwise never let go.
-        if self.barrier.is_none() && (self.is_asked_for_a_frame() || self.pacer.is_due(now)) {
+        if self.may_begin() && (self.is_asked_for_a_frame() || self.pacer.is_due(now)) {
             self.begin_frame(now);
         }
     }
@@ -464,7 +472,7 @@ impl Cluster {
         self.is_going_on = false;
         self.pacer.set(pace, now);
         // The frame that a tuning waits for would have come by itself.
-        let drawing = self.barrier.as_ref().map(|barrier| barrier.revision);
+        let drawing = self.pipeline.newest().map(|barrier| barrier.revision);
         self.wants_frame |= !self.pacer.is_soon(now)
             && (self.tuners.wait_beyond(drawing) || self.editing.wait_beyond(drawing));
     }

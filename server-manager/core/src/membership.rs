@@ -137,11 +137,9 @@ impl Cluster {
     }
 
     /// A replica that disagrees is given the state anew, not believed; what it has drawn of the
-    /// present frame is not shown.
+    /// frames on their way is not shown.
     pub(super) fn handle_divergence(&mut self, now: Micros, session: SessionId, why: &str) {
-        if let Some(barrier) = &mut self.barrier {
-            barrier.exclude(session);
-        }
+        self.pipeline.exclude(session);
         self.resynchronise(now, &[session], why);
     }
 

@@ -88,6 +88,8 @@ pub(super) struct FrameFacts {
     pub is_awaited: bool,
     /// Every channel of the wall had drawn it.
     pub is_complete: bool,
+    /// It was sent while another frame was on its way.
+    pub is_ahead: bool,
     /// The longest drawing time of a server for the channels that it waited for, in microseconds;
     /// `None` if none of these had drawn.
     pub slowest_us: Option<u32>,
@@ -108,6 +110,7 @@ pub(super) struct StatisticsCollector {
     largest_error_px: f64,
     frames: u64,
     complete: u64,
+    ahead: u64,
     /// When the first frame began.
     first: Option<Micros>,
     last: Micros,
@@ -154,6 +157,7 @@ impl StatisticsCollector {
         self.totals.add_frame(feedback.frame_us, feedback.barrier_us, facts);
         self.frames += 1;
         self.complete += u64::from(facts.is_complete);
+        self.ahead += u64::from(facts.is_ahead);
         self.first.get_or_insert(now.saturating_sub(feedback.frame_us));
         self.last = now;
         self.error.add_us((feedback.detail.error_in_force_px * ERROR_UNITS) as u64);
@@ -240,6 +244,7 @@ impl StatisticsCollector {
         Statistics {
             frames: self.frames,
             complete: self.complete,
+            ahead: self.ahead,
             seconds,
             frame_ms: self.frame.spread_ms(),
             draw_ms: self.draw.spread_ms(),

@@ -8,6 +8,7 @@ mod follow;
 mod found;
 mod hostile;
 mod navigation;
+mod pipelining;
 mod progress;
 mod random;
 mod sight;

@@ -388,6 +388,7 @@ fn statistics() -> Statistics {
     Statistics {
         frames: 9,
         complete: 8,
+        ahead: 7,
         seconds: 1.0,
         frame_ms: spread,
         draw_ms: spread,

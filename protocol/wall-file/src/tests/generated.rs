@@ -11,7 +11,7 @@ use polyptych_wall::projector::Projector;
 use polyptych_wall::surface::{Cylinder, Plane, Sphere, Surface};
 use polyptych_wall::{
     Bezel, BlendConfig, CalibrationFile, CalibrationFileKind, Channel, ChannelKind, DeadlinePolicy,
-    Eye, FrustumMode, Orientation, Ramps, Screen, StereoPacking, Wall,
+    Eye, FrustumMode, Orientation, Ramps, Screen, StereoPacking, SyncPolicy, Wall,
 };
 use proptest::prelude::*;
 
@@ -285,11 +285,11 @@ pub(crate) fn wall() -> impl Strategy<Value = Wall> {
         prop::collection::vec(seed(), 1..4),
         prop::array::uniform3(-100.0..100.0),
         (1e-6..1e3, any::<bool>(), 20u32..=60_000, "[ -~é]{1,12}"),
-        (1.0..1e9, 1u32..=60_000, 1u32..=60_000),
+        (1.0..1e9, 1u32..=60_000, 1u32..=60_000, 0u32..=1),
         (0.0..1.0, 0.1..5.0, 0.0..0.1, any::<bool>()),
     )
         .prop_map(|(mut seeds, eye, (near_m, many, heartbeat_ms, folder), deadline, light)| {
-            let (factor, a, b) = deadline;
+            let (factor, a, b, pipeline_depth) = deadline;
             let (eye_separation_m, exponent, leak, dither) = light;
             let mut wall = Wall {
                 eye: DVec3::from(eye),
@@ -299,6 +299,7 @@ pub(crate) fn wall() -> impl Strategy<Value = Wall> {
                 blend: BlendConfig { exponent, leak },
                 dither,
                 deadline: DeadlinePolicy { factor, min_ms: a.min(b), max_ms: a.max(b) },
+                sync: SyncPolicy { pipeline_depth },
                 heartbeat_ms,
                 listen: "[::]:1".into(),
                 stores: vec![],

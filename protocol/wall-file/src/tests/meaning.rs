@@ -295,6 +295,16 @@ fn deadlines_that_make_no_sense() {
 }
 
 #[test]
+fn more_than_one_frame_cannot_be_sent_ahead() {
+    let sync = |line: &str| format!("[sync]\n{line}\n{SMALLEST}");
+    check(
+        &sync("pipeline_depth = 2"),
+        "2:1: sync.pipeline_depth: 2 frames cannot be sent ahead; write 0 to 1",
+    );
+    check(&sync("pipeline_depth = -1"), "2:");
+}
+
+#[test]
 fn addresses_need_a_port() {
     let network = |line: &str| format!("[network]\n{line}\n{SMALLEST}");
     for good in ["127.0.0.1:0", "[::1]:7878", "0.0.0.0:65535", "wall-pc.local:7878"] {

@@ -142,6 +142,12 @@ const SECTIONS: &[Section] = &[
         around: [TILED, ""],
     },
     Section {
+        of: "SyncSection",
+        heading: "[sync]",
+        example: "[sync]\npipeline_depth = 1\n",
+        around: [TILED, ""],
+    },
+    Section {
         of: "NetworkSection",
         heading: "[network]",
         example: "[network]\nlisten = \"192.168.7.1:7878\"\nheartbeat_ms = 2000\n",

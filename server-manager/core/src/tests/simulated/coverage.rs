@@ -73,7 +73,7 @@ impl Coverage {
 }
 
 /// What ten thousand schedules must have gone through.
-const WHAT_MUST_HAPPEN: [&str; 28] = [
+const WHAT_MUST_HAPPEN: [&str; 30] = [
     "camera moved by a mouse",
     "client disconnected",
     "connection cut",
@@ -86,12 +86,14 @@ const WHAT_MUST_HAPPEN: [&str; 28] = [
     "import done",
     "import failed",
     "loads slow",
+    "frame sent ahead",
     "manager killed",
     "manager killed between two outputs",
     "manager silent for a server",
     "manager stopped",
     "manager stopped by a client",
     "next state corrupt",
+    "picture kept aside",
     "prepare failed",
     "prepared with a wrong digest",
     "render thread hangs",

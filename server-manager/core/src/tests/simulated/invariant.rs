@@ -34,6 +34,8 @@ const WARM_UP_FRAMES: u32 = 3 + 3;
 struct Record {
     revision: Revision,
     is_capture: bool,
+    /// Channels that were live when it began, and are since.
+    live: BTreeSet<ChannelId>,
     /// Channels whose right report has reached the manager.
     drawn: BTreeSet<ChannelId>,
     failed: BTreeSet<ChannelId>,
@@ -85,7 +87,8 @@ pub struct InvariantChecker {
     pub feedback_sent: u64,
     pub frames_sent: u64,
     channels: usize,
-    brain_frame: FrameId,
+    /// Begun and swapped.
+    brain_frames: (FrameId, FrameId),
 }
 
 impl InvariantChecker {
@@ -110,7 +113,7 @@ impl InvariantChecker {
             feedback_sent: 0,
             frames_sent: 0,
             channels: wall.channels.len(),
-            brain_frame: FrameId(0),
+            brain_frames: (FrameId(0), FrameId(0)),
         }
     }
 
@@ -121,7 +124,7 @@ impl InvariantChecker {
         (self.last, self.swapped) = (FrameId(0), FrameId(0));
         self.joined.clear();
         self.progress = started;
-        self.brain_frame = FrameId(0);
+        self.brain_frames = (FrameId(0), FrameId(0));
     }
 
     pub fn server_joins(&mut self, session: SessionId, channels: &[ChannelId]) {
@@ -180,11 +183,12 @@ impl InvariantChecker {
                     coverage.count("drawn with a wrong digest");
                     record.disbelieved.insert(session);
                     // It would draw the present frame as wrong, where that is of the same state.
-                    let present = cluster.barrier.as_ref().map(|barrier| barrier.frame);
-                    if let Some(record) = present.and_then(|frame| self.frames.get_mut(&frame))
-                        && record.revision == drawn.revision
-                    {
-                        record.disbelieved.insert(session);
+                    for barrier in cluster.pipeline.iter() {
+                        if let Some(record) = self.frames.get_mut(&barrier.frame)
+                            && barrier.revision == drawn.revision
+                        {
+                            record.disbelieved.insert(session);
+                        }
                     }
                 } else if cluster.registry.owns_channel(session, drawn.channel) {
                     record.drawn.insert(drawn.channel);
@@ -213,7 +217,7 @@ impl InvariantChecker {
     ) -> Check {
         match command {
             Command::Prepare(prepare) => self.prepare_sent(to, prepare),
-            Command::Frame(frame) => self.frame_sent(to, frame),
+            Command::Frame(frame) => self.frame_sent(cluster, to, frame),
             Command::Swap(swap) => self.swap_sent(now, cluster, before, to, swap),
             Command::Pong(_) | Command::Goodbye(_) => Ok(()),
         }
@@ -247,7 +251,7 @@ impl InvariantChecker {
         Ok(())
     }
 
-    fn frame_sent(&mut self, to: &[SessionId], frame: &Frame) -> Check {
+    fn frame_sent(&mut self, cluster: &Cluster, to: &[SessionId], frame: &Frame) -> Check {
         self.frames_sent += 1;
         if frame.frame <= self.last {
             return Err(format!("frame {} comes after frame {}", frame.frame, self.last));
@@ -266,8 +270,13 @@ impl InvariantChecker {
                 ));
             }
         }
-        let record =
-            Record { revision: frame.revision, is_capture: frame.capture, ..Record::default() };
+        let live = (cluster.registry.channels()).filter(|(_, c)| c.state == ChannelState::Live);
+        let record = Record {
+            revision: frame.revision,
+            is_capture: frame.capture,
+            live: live.map(|(id, _)| id).collect(),
+            ..Record::default()
+        };
         self.frames.insert(frame.frame, record);
         Ok(())
     }
@@ -299,7 +308,8 @@ impl InvariantChecker {
         for (id, channel) in cluster.registry.channels() {
             let was_live = before.get(usize::from(id.0)) == Some(&ChannelState::Live);
             let is_live = channel.state == ChannelState::Live;
-            if was_live && is_live && !record.drawn.contains(&id) {
+            let was_there = record.live.contains(&id);
+            if was_there && was_live && is_live && !record.drawn.contains(&id) {
                 return Err(format!(
                     "frame {frame} is swapped, but live channel {id} has not drawn"
                 ));
@@ -327,6 +337,10 @@ impl InvariantChecker {
         if cluster.changes.waiting() > CHANGES_MAX {
             return Err(format!("{} changes wait", cluster.changes.waiting()));
         }
+        let newest = cluster.pipeline.newest().map(|barrier| barrier.frame);
+        if cluster.pipeline.iter().count() > 1 && newest > manager.frames_before.last().copied() {
+            coverage.count("frame sent ahead");
+        }
         self.check_states(manager, cluster, coverage)?;
         self.check_barrier(manager, cluster)?;
         self.check_progress(now, manager, cluster)
@@ -347,7 +361,9 @@ impl InvariantChecker {
                 continue;
             }
             coverage.changes[before as usize][channel.state as usize] += 1;
-            let record = manager.frame_before.and_then(|frame| self.frames.get(&frame));
+            let under_way: Vec<_> =
+                manager.frames_before.iter().filter_map(|frame| self.frames.get(frame)).collect();
+            let has_failed = under_way.iter().any(|record| record.failed.contains(&id));
             if is_refused
                 && (before, channel.state) == (ChannelState::Live, ChannelState::Preparing)
             {
@@ -360,33 +376,51 @@ impl InvariantChecker {
                 }
             }
             if (before, channel.state) == (ChannelState::Live, ChannelState::Late)
-                && record.is_some_and(|r| r.drawn.contains(&id) && !r.failed.contains(&id))
+                && under_way.first().is_some_and(|r| r.drawn.contains(&id) && !has_failed)
             {
                 return Err(format!(
-                    "channel {id} is called late, but it drew frame {:?} in time",
-                    manager.frame_before
+                    "channel {id} is called late, but it drew the first of {:?} in time",
+                    manager.frames_before
                 ));
+            }
+            if before == ChannelState::Live {
+                for frame in &manager.frames_before {
+                    if let Some(record) = self.frames.get_mut(frame) {
+                        record.live.remove(&id);
+                    }
+                }
             }
         }
         Ok(())
     }
 
     fn check_barrier(&self, manager: &Manager, cluster: &Cluster) -> Check {
-        let Some(barrier) = &cluster.barrier else { return Ok(()) };
-        let Some(record) = self.frames.get(&barrier.frame) else {
-            return Err(format!("frame {} was sent to nobody", barrier.frame));
-        };
-        if let Some(id) = barrier.pending().iter().find(|id| record.drawn.contains(id)) {
-            return Err(format!("frame {} waits for channel {id}, which has drawn", barrier.frame));
+        let under_way = cluster.pipeline.iter().count();
+        if under_way > 1 + cluster.wall.sync.pipeline_depth as usize {
+            return Err(format!("{under_way} frames are on their way"));
         }
-        if barrier.is_complete() {
+        for barrier in cluster.pipeline.iter() {
+            let Some(record) = self.frames.get(&barrier.frame) else {
+                return Err(format!("frame {} was sent to nobody", barrier.frame));
+            };
+            if let Some(id) = barrier.pending().iter().find(|id| record.drawn.contains(id)) {
+                let frame = barrier.frame;
+                return Err(format!("frame {frame} waits for channel {id}, which has drawn"));
+            }
+            if record.is_capture && under_way > 1 {
+                return Err(format!("capture {} has not the wall for itself", barrier.frame));
+            }
+        }
+        if let Some(barrier) = cluster.pipeline.oldest().filter(|oldest| oldest.is_complete()) {
             return Err(format!("frame {} is complete, but not swapped", barrier.frame));
         }
-        if manager.frame_before == Some(barrier.frame) {
+        let Some(barrier) = cluster.pipeline.newest() else { return Ok(()) };
+        let Some(record) = self.frames.get(&barrier.frame) else { return Ok(()) };
+        if manager.frames_before.contains(&barrier.frame) {
             return Ok(());
         }
         // A new frame waits for as long as the wall's draws ask, or for the reasons that we know.
-        let wait = barrier.deadline() - barrier.began;
+        let wait = barrier.length();
         let is_warming = barrier
             .participants()
             .iter()
@@ -408,9 +442,10 @@ impl InvariantChecker {
     fn check_progress(&mut self, now: Micros, manager: &Manager, cluster: &Cluster) -> Check {
         let brain_now = now - self.started;
         let is_wanted = !cluster.orders.is_empty() || cluster.pacer.is_due(brain_now);
-        let has_moved = cluster.frame != self.brain_frame;
-        if has_moved || (cluster.barrier.is_none() && !is_wanted) {
-            self.brain_frame = cluster.frame;
+        let frames = (cluster.frame, cluster.swapped);
+        let has_moved = frames != self.brain_frames;
+        if has_moved || (cluster.pipeline.is_empty() && !is_wanted) {
+            self.brain_frames = frames;
             self.progress = now;
         }
         let since = self.progress.max(manager.stopped_until);

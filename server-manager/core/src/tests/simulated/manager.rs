@@ -45,7 +45,8 @@ pub struct Manager {
     /// After so many outputs more it is killed.
     pub dies_after: Option<u32>,
     pub before: Vec<ChannelState>,
-    pub frame_before: Option<FrameId>,
+    /// The frames on their way, oldest first.
+    pub frames_before: Vec<FrameId>,
 }
 
 /// What every simulated scene is made of: four nodes, each below the one before.
@@ -62,7 +63,7 @@ impl Simulation {
         let cluster = self.manager.cluster.as_mut()?;
         self.manager.before.clear();
         self.manager.before.extend(cluster.registry.channels().map(|(_, c)| c.state));
-        self.manager.frame_before = cluster.barrier.as_ref().map(|b| b.frame);
+        self.manager.frames_before = cluster.pipeline.iter().map(|b| b.frame).collect();
         Some(what(cluster, now))
     }
 

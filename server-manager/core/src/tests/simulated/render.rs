@@ -8,7 +8,7 @@ use polyptych_protocol::ids::{Epoch, FrameId};
 use polyptych_protocol::server_message::{FramePresented, FrameRendered, ServerMessage};
 
 use super::super::Micros;
-use super::playback::{FrameAction, SLOW_GRACE_MAX};
+use super::playback::{FrameAction, FrameKey, SLOW_GRACE_MAX};
 use super::server::{DrawnImage, JOBS_MAX, State};
 use super::world::{Check, SimEvent, Simulation};
 
@@ -75,15 +75,28 @@ impl Simulation {
             let manager_us = self.servers[index].manager_us(self.now);
             match self.servers[index].playback.poll(manager_us) {
                 Some(FrameAction::Show { epoch, frame, .. }) => self.show(index, epoch, frame)?,
-                Some(FrameAction::Draw(frame)) => self.begin_drawing(index, frame),
+                Some(FrameAction::Draw { frame, keep }) => {
+                    if let Some(key) = keep {
+                        self.keep_aside(index, key);
+                    }
+                    self.begin_drawing(index, frame);
+                }
                 None => {
-                    let Some(state) = self.servers[index].finish.take() else { break };
-                    let warm_up_us = self.dice.between(200, 5_000);
-                    self.draw_until(index, Drawing::WarmUp(state.into()), warm_up_us);
+                    if !self.begin_warm_up(index) {
+                        break;
+                    }
                 }
             }
         }
         Ok(())
+    }
+
+    /// Makes the state drawable that waits for that, if any.
+    fn begin_warm_up(&mut self, index: usize) -> bool {
+        let Some(state) = self.servers[index].finish.take() else { return false };
+        let warm_up_us = self.dice.between(200, 5_000);
+        self.draw_until(index, Drawing::WarmUp(state.into()), warm_up_us);
+        true
     }
 
     fn draw_until(&mut self, index: usize, drawing: Drawing, takes_us: u64) {
@@ -91,6 +104,18 @@ impl Simulation {
         server.drawing = Some(drawing);
         let life = server.life;
         self.at(self.now + takes_us, SimEvent::DrawingEnds(index, life));
+    }
+
+    /// As `keep_aside` of the render server's outputs.
+    fn keep_aside(&mut self, index: usize, key: FrameKey) {
+        let server = &mut self.servers[index];
+        for &channel in &server.channels {
+            let is_kept = server.aside.get(&channel).is_some_and(|of| (of.epoch, of.frame) == key);
+            if !is_kept && let Some(drawn) = server.targets.remove(&channel) {
+                server.aside.insert(channel, drawn);
+                self.coverage.count("picture kept aside");
+            }
+        }
     }
 
     fn begin_drawing(&mut self, index: usize, frame: Box<Frame>) {
@@ -144,11 +169,19 @@ impl Simulation {
                     let server = &mut self.servers[index];
                     let manager_us = server.manager_us(self.now);
                     let took = Duration::from_micros(self.now - server.frame_began);
-                    server.grace_us = took.min(SLOW_GRACE_MAX).as_micros() as Micros;
+                    let grace_us = took.min(SLOW_GRACE_MAX).as_micros() as Micros;
+                    server.graces_us.push_back(((frame.epoch, frame.frame), grace_us));
+                    // The last one, and the one that was kept aside.
+                    while server.graces_us.len() > 2 {
+                        server.graces_us.pop_front();
+                    }
                     let act = server.playback.frame_drawn(&frame, took, manager_us);
                     if let Some(FrameAction::Show { epoch, frame, .. }) = act {
                         self.show(index, epoch, frame)?;
                     }
+                }
+                if self.begin_warm_up(index) {
+                    return Ok(());
                 }
             }
         }
@@ -190,10 +223,15 @@ impl Simulation {
             return Ok(());
         }
         let clock_error_us = server.offset.map_or(u32::MAX, |(_, error)| error);
-        let slack_us = Micros::from(clock_error_us) + server.grace_us;
+        let grace_us = server.graces_us.iter().find(|(key, _)| *key == (epoch, frame));
+        let grace_us = grace_us.map_or(0, |(_, grace_us)| *grace_us);
+        let slack_us = Micros::from(clock_error_us) + grace_us;
         let at_us = server.manager_us(self.now).unwrap_or(0);
         for channel in server.channels.clone() {
-            let picture = self.servers[index].targets.get(&channel).copied();
+            let server = &self.servers[index];
+            let aside = server.aside.get(&channel);
+            let aside = aside.filter(|of| (of.epoch, of.frame) == (epoch, frame));
+            let picture = aside.or_else(|| server.targets.get(&channel)).copied();
             self.watch.shown(self.now, channel, (epoch, frame), picture, slack_us)?;
             let shown = FramePresented { epoch, frame, channel, at_us, clock_error_us };
             self.report(index, ServerMessage::Shown(shown));

@@ -16,7 +16,7 @@ use polyptych_wall::ChannelId;
 use super::super::Micros;
 use super::clock::ClockEstimate;
 use super::network::{Link, LinkId, Packet, Side};
-use super::playback::FrameScheduler;
+use super::playback::{FrameKey, FrameScheduler};
 use super::render::{Drawing, Job};
 use super::world::{Check, SimEvent, Simulation};
 
@@ -104,8 +104,8 @@ pub struct Server {
     ready_scene: Option<BlobHash>,
     /// When it began to draw its last frame.
     pub frame_began: Micros,
-    /// How much later than it should it may show what it drew last, which took so long.
-    pub grace_us: Micros,
+    /// How much later than it should it may show the frames that it drew last, which took so long.
+    pub graces_us: VecDeque<(FrameKey, Micros)>,
     pub load_us: Micros,
     // The render thread.
     pub finish: Option<State>,
@@ -115,6 +115,8 @@ pub struct Server {
     pub drawing: Option<Drawing>,
     pub is_waking: bool,
     pub targets: BTreeMap<ChannelId, DrawnImage>,
+    /// Pictures that wait for their swap while the next ones are drawn.
+    pub aside: BTreeMap<ChannelId, DrawnImage>,
     pub draw_us: u64,
 }
 
@@ -145,7 +147,7 @@ impl Server {
             ready: None,
             ready_scene: None,
             frame_began: 0,
-            grace_us: 0,
+            graces_us: VecDeque::new(),
             load_us,
             finish: None,
             jobs: VecDeque::new(),
@@ -154,6 +156,7 @@ impl Server {
             drawing: None,
             is_waking: false,
             targets: BTreeMap::new(),
+            aside: BTreeMap::new(),
             draw_us,
         }
     }
