@@ -94,6 +94,9 @@ pub struct Swap {
     pub frame: FrameId,
     /// In microseconds of manager time: a server that wakes later must not show it.
     pub not_after_us: u64,
+    /// The instant at which all servers present it, in microseconds of manager time; `None`: at
+    /// once.
+    pub present_at_us: Option<u64>,
 }
 
 /// Three of the four timestamps from which a server estimates the manager's clock (RFC 5905 §8);

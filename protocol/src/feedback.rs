@@ -71,7 +71,8 @@ pub struct FrameFeedback {
     pub time_s: f64,
     /// The state that it shows.
     pub revision: Revision,
-    /// From the frame command to the swap command.
+    /// From the frame command to the swap command. A frame that is sent ahead waits for the swap of
+    /// the one before, too.
     pub frame_us: u64,
     /// What of that the slowest channel did not draw: network, waiting, deciding.
     pub barrier_us: u64,
@@ -314,6 +315,9 @@ pub struct ChannelStatistics {
     pub clock_error_us: u32,
     /// The longest time between two shown frames.
     pub longest_gap_ms: f64,
+    /// Frames that it did not present at the instant that their swap stated: this had passed, or
+    /// its server did not know the manager's clock yet.
+    pub unscheduled: u64,
     /// Deadlines missed.
     pub late: u64,
     /// Of its last frame.

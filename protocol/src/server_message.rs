@@ -115,6 +115,9 @@ pub struct FramePresented {
     pub at_us: u64,
     /// How far off that may be: half of the best round trip that the estimate rests on.
     pub clock_error_us: u32,
+    /// The swap stated an instant that had passed, or that the server could not tell since it does
+    /// not know the manager's clock yet: it presented at once.
+    pub is_unscheduled: bool,
 }
 
 /// A sign of life.

@@ -17,6 +17,11 @@ pub const SLOW_GRACE_MAX: Duration = Duration::from_secs(1);
 /// Maximum number of frames that wait to be drawn: as many as a manager has on their way.
 const WAITING_MAX: usize = 2;
 
+/// Time before the instant of a swap from which on the render thread looks at the clock all the
+/// time, in microseconds: a system wakes a sleeping thread up to a millisecond late. One that is
+/// woken as late behind the instant still counts as in time.
+pub const SWAP_SPIN_US: u64 = 1_000;
+
 /// A frame's number in the life of a manager.
 pub type FrameKey = (Epoch, FrameId);
 
@@ -38,6 +43,11 @@ pub enum FrameAction {
         frame: FrameId,
         /// What it wants displays to show.
         display: OutputMode,
+        /// The instant of manager time at which to show it, at most [`SWAP_SPIN_US`] away; `None`:
+        /// at once.
+        at_us: Option<u64>,
+        /// Such an instant was stated, and passed more than [`SWAP_SPIN_US`] ago or is unknown.
+        is_unscheduled: bool,
     },
 }
 
@@ -47,6 +57,8 @@ pub struct FrameScheduler {
     /// Oldest first.
     waiting_frames: VecDeque<Box<Frame>>,
     waiting_swap: Option<Swap>,
+    /// A swap of a drawn frame that waits for its instant, behind which another one has come.
+    held_swap: Option<Swap>,
     /// The frame of the last swap command.
     swapped: Option<FrameKey>,
     drawn: Option<RenderedFrame>,
@@ -79,6 +91,9 @@ impl FrameScheduler {
     /// A swap command. `Some` is to be done at once: the frame behind it may follow in the same
     /// breath.
     pub fn handle_swap(&mut self, swap: Swap, manager_us: Option<u64>) -> Option<FrameAction> {
+        if self.held_swap.is_none() && self.next_show_us().is_some() {
+            self.held_swap = self.waiting_swap;
+        }
         self.waiting_swap = Some(swap);
         self.swapped = Some((swap.epoch, swap.frame));
         while self.waiting_frames.len() > 1
@@ -95,6 +110,10 @@ impl FrameScheduler {
     pub fn poll(&mut self, manager_us: Option<u64>) -> Option<FrameAction> {
         if let Some(show) = self.take_show(manager_us) {
             return Some(show);
+        }
+        if manager_us.is_some() && self.next_show_us().is_some() {
+            // What is drawn first would be shown late for it.
+            return None;
         }
         let frame = self.waiting_frames.pop_front()?;
         if let Some(drawn) = self.drawn.take().filter(|drawn| !self.is_swapped(drawn.key)) {
@@ -130,7 +149,39 @@ impl FrameScheduler {
         self.swapped.is_some_and(|(of, newest)| of == epoch && newest >= frame)
     }
 
+    /// When to ask again since a drawn frame waits for the instant of its swap, in microseconds of
+    /// manager time.
+    pub fn next_show_us(&self) -> Option<u64> {
+        let at_us = |swap: &Swap| {
+            let key = (swap.epoch, swap.frame);
+            self.ready(key).and(swap.present_at_us).map(|at_us| at_us.saturating_sub(SWAP_SPIN_US))
+        };
+        self.held_swap.iter().chain(&self.waiting_swap).find_map(at_us)
+    }
+
+    /// The drawn frame of this number.
+    fn ready(&self, key: FrameKey) -> Option<RenderedFrame> {
+        [self.kept, self.drawn].into_iter().flatten().find(|drawn| drawn.key == key)
+    }
+
     fn take_show(&mut self, manager_us: Option<u64>) -> Option<FrameAction> {
+        if let Some(held) = self.held_swap {
+            let newer = self.waiting_swap.replace(held);
+            let show = self.take_waiting_show(manager_us);
+            let is_over = self.waiting_swap.is_none();
+            self.waiting_swap = newer;
+            if !is_over {
+                return None;
+            }
+            self.held_swap = None;
+            if show.is_some() {
+                return show;
+            }
+        }
+        self.take_waiting_show(manager_us)
+    }
+
+    fn take_waiting_show(&mut self, manager_us: Option<u64>) -> Option<FrameAction> {
         let swap = self.waiting_swap?;
         let key = (swap.epoch, swap.frame);
         let is_old =
@@ -140,7 +191,13 @@ impl FrameScheduler {
             return None;
         }
         // If neither, it is not drawn yet or passed over; a newer swap will replace it.
-        let ready = [self.kept, self.drawn].into_iter().flatten().find(|drawn| drawn.key == key)?;
+        let ready = self.ready(key)?;
+        let at_us = match (swap.present_at_us, manager_us) {
+            (Some(at_us), Some(now)) if now < at_us.saturating_sub(SWAP_SPIN_US) => return None,
+            (Some(at_us), Some(now)) if now <= at_us.saturating_add(SWAP_SPIN_US) => Some(at_us),
+            _ => None,
+        };
+        let is_unscheduled = swap.present_at_us.is_some() && at_us.is_none();
         self.waiting_swap = None;
         self.kept = None;
         // Whoever draws slowly may show what it drew by so much later; whoever stood still with a
@@ -151,7 +208,7 @@ impl FrameScheduler {
         }
         self.shown = Some(key);
         let RenderedFrame { key: (epoch, frame), display, .. } = ready;
-        Some(FrameAction::Show { epoch, frame, display })
+        Some(FrameAction::Show { epoch, frame, display, at_us, is_unscheduled })
     }
 }
 
@@ -180,7 +237,7 @@ mod tests {
     }
 
     fn swap(n: u64, not_after_us: u64) -> Swap {
-        Swap { epoch: EPOCH, frame: FrameId(n), not_after_us }
+        Swap { epoch: EPOCH, frame: FrameId(n), not_after_us, present_at_us: None }
     }
 
     fn draw(n: u64, keep: Option<u64>) -> FrameAction {
@@ -188,8 +245,13 @@ mod tests {
         FrameAction::Draw { frame: Box::new(frame(n)), keep }
     }
 
+    fn show_as(n: u64, display: OutputMode) -> FrameAction {
+        let (epoch, frame, at_us, is_unscheduled) = (EPOCH, FrameId(n), None, false);
+        FrameAction::Show { epoch, frame, display, at_us, is_unscheduled }
+    }
+
     fn show(n: u64) -> FrameAction {
-        FrameAction::Show { epoch: EPOCH, frame: FrameId(n), display: OutputMode::Normal }
+        show_as(n, OutputMode::Normal)
     }
 
     #[test]
@@ -237,8 +299,7 @@ mod tests {
         assert_eq!(playback.handle_swap(swap(1, 100), Some(10)), Some(show(1)));
         playback.poll(Some(10));
         assert_eq!(playback.frame_drawn(&black, Duration::ZERO, None), None);
-        let expected =
-            FrameAction::Show { epoch: EPOCH, frame: FrameId(2), display: OutputMode::Blank };
+        let expected = show_as(2, OutputMode::Blank);
         assert_eq!(playback.handle_swap(swap(2, 100), Some(20)), Some(expected));
     }
 
@@ -322,5 +383,52 @@ mod tests {
         }
         playback.frame_drawn(&frame(2), Duration::ZERO, Some(0));
         assert_eq!(playback.poll(Some(0)), Some(draw(4, Some(2))));
+    }
+
+    /// A swap that states an instant, and what comes of it.
+    fn timed(n: u64, at_us: u64) -> Swap {
+        Swap { present_at_us: Some(at_us), ..swap(n, at_us + 50_000) }
+    }
+
+    fn show_at(n: u64, at: Result<u64, ()>) -> FrameAction {
+        let (epoch, frame, display) = (EPOCH, FrameId(n), OutputMode::Normal);
+        FrameAction::Show { epoch, frame, display, at_us: at.ok(), is_unscheduled: at.is_err() }
+    }
+
+    #[test]
+    fn a_swap_that_states_an_instant_is_done_then_and_nothing_is_drawn_before() {
+        let mut playback = FrameScheduler::default();
+        assert_eq!(playback.frame_drawn(&frame(1), Duration::ZERO, Some(0)), None);
+        assert_eq!(playback.handle_swap(timed(1, 9_000), Some(1_000)), None);
+        playback.handle_frame(Box::new(frame(2)));
+        assert_eq!((playback.poll(Some(7_999)), playback.next_show_us()), (None, Some(8_000)));
+        assert_eq!(playback.poll(Some(8_000)), Some(show_at(1, Ok(9_000))));
+        assert_eq!(playback.poll(Some(9_000)), Some(draw(2, None)));
+        assert_eq!(playback.next_show_us(), None);
+    }
+
+    #[test]
+    fn a_swap_whose_instant_has_passed_or_is_unknown_is_done_at_once_and_said() {
+        for now in [Some(10_001), None] {
+            let mut playback = FrameScheduler::default();
+            assert_eq!(playback.frame_drawn(&frame(1), Duration::ZERO, now), None);
+            assert_eq!(playback.handle_swap(timed(1, 9_000), now), Some(show_at(1, Err(()))));
+        }
+    }
+
+    #[test]
+    fn a_swap_that_waits_for_its_instant_is_not_forgotten_for_the_next_one() {
+        let mut playback = FrameScheduler::default();
+        for n in [1, 2] {
+            playback.handle_frame(Box::new(frame(n)));
+            assert!(playback.poll(Some(0)).is_some());
+            assert_eq!(playback.frame_drawn(&frame(n), Duration::ZERO, Some(0)), None);
+        }
+        assert_eq!(playback.handle_swap(timed(1, 9_000), Some(4_000)), None);
+        assert_eq!(playback.handle_swap(timed(2, 12_000), Some(7_000)), None);
+        assert_eq!(playback.next_show_us(), Some(8_000));
+        assert_eq!(playback.poll(Some(8_500)), Some(show_at(1, Ok(9_000))));
+        assert_eq!((playback.poll(Some(9_000)), playback.next_show_us()), (None, Some(11_000)));
+        assert_eq!(playback.poll(Some(11_500)), Some(show_at(2, Ok(12_000))));
     }
 }

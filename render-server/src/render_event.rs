@@ -52,6 +52,7 @@ pub(crate) fn shown(
     frame: FrameId,
     channel: ChannelId,
     clock: &Clock,
+    is_unscheduled: bool,
 ) -> RenderEvent {
     RenderEvent::Status(ServerMessage::Shown(FramePresented {
         epoch,
@@ -59,6 +60,7 @@ pub(crate) fn shown(
         channel,
         at_us: clock.manager_us(),
         clock_error_us: clock.error_us(),
+        is_unscheduled,
     }))
 }
 

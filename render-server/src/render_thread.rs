@@ -186,6 +186,17 @@ impl RenderThread {
         (self.clock.error_us() != u32::MAX).then(|| self.clock.manager_us())
     }
 
+    /// Whether this instant of manager time is ahead, as far as it is known.
+    fn is_before(&self, at_us: u64) -> bool {
+        self.manager_us().is_some_and(|now| now < at_us)
+    }
+
+    /// Time until a drawn frame is to be shown at a stated instant.
+    fn show_wait(&self) -> Duration {
+        let due = self.playback.next_show_us().zip(self.manager_us());
+        due.map_or(Duration::MAX, |(due, now)| Duration::from_micros(due.saturating_sub(now)))
+    }
+
     fn wait(&mut self) {
         select! {
             recv(self.queues.jobs) -> job => match job {
@@ -196,7 +207,7 @@ impl RenderThread {
                 Ok(upload) => self.upload(upload),
                 Err(_) => self.is_stopping = true,
             },
-            default(self.note_wait()) => self.end_notes(),
+            default(self.note_wait().min(self.show_wait())) => self.end_notes(),
         }
     }
 
@@ -257,9 +268,12 @@ impl RenderThread {
                     self.upload(upload);
                 }
             }
-            FrameAction::Show { epoch, frame, display } => {
+            FrameAction::Show { epoch, frame, display, at_us, is_unscheduled } => {
                 let _span = tracing::error_span!("show", frame = frame.0).entered();
-                self.show(epoch, frame, display);
+                while at_us.is_some_and(|at_us| self.is_before(at_us)) {
+                    std::hint::spin_loop();
+                }
+                self.show((epoch, frame), display, is_unscheduled);
             }
         }
     }

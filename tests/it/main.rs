@@ -83,6 +83,7 @@ mod restarts;
 mod saved_scenes;
 mod scene_commands;
 mod scene_export;
+mod scheduled_swap;
 mod seams;
 mod seen;
 mod soak;

@@ -103,6 +103,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         channel: ChannelId(3),
         at_us: 70_000,
         clock_error_us: 40,
+        is_unscheduled: true,
     };
     let chunk = CaptureChunk {
         channel: ChannelId(1),
@@ -186,8 +187,13 @@ fn golden() -> Vec<(Bytes, &'static str)> {
              000000000000803f02010500000000000000000001000000000000e03f010000000000409f40",
         ),
         (
-            encode(&Command::Swap(Swap { epoch: Epoch(1), frame: FrameId(300), not_after_us: 9 })),
-            "0201fb2c0109",
+            encode(&Command::Swap(Swap {
+                epoch: Epoch(1),
+                frame: FrameId(300),
+                not_after_us: 9,
+                present_at_us: Some(7),
+            })),
+            "0201fb2c01090107",
         ),
         (encode(&Command::Pong(Pong { sent_us: 1, received_us: 2, answered_us: 3 })), "03010203"),
         (encode(&ServerMessage::Prepared(prepared)), "000102030105626c656e64fbe803"),
@@ -195,7 +201,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
             encode(&ServerMessage::Drawn(drawn())),
             "0201fb2c010302fdfffffffffffffffffb204efca08601000600000000",
         ),
-        (encode(&ServerMessage::Shown(shown)), "0401fb2c0103fc7011010028"),
+        (encode(&ServerMessage::Shown(shown)), "0401fb2c0103fc701101002801"),
         (encode(&ServerMessage::Ping(Ping { sent_us: 1, memory_bytes: 2 })), "050102"),
         (encode(&ServerMessage::Goodbye { reason: "end".into() }), "0703656e64"),
         (encode(&ServerMessage::StateLost { reason: "end".into() }), "0903656e64"),

@@ -6,7 +6,7 @@ use glam::DVec3;
 use polyptych_wall::head::{EYE_SEPARATION_MAX_M, HEAD_REACH_MAX_M};
 use polyptych_wall::limits::{
     CHANNELS_MAX, LEAK_MAX, NAME_BYTES_MAX, PATH_BYTES_MAX, PIPELINE_DEPTH_MAX, PORT_DEFAULT,
-    SCREENS_MAX,
+    SCREENS_MAX, SWAP_LEAD_MS_MAX,
 };
 use polyptych_wall::viewpoint::STEREO_ERROR_RANGE_PX;
 use polyptych_wall::{BlendConfig, DeadlinePolicy, Screen, StereoRule, SyncPolicy, Wall};
@@ -193,13 +193,18 @@ fn deadline(
 }
 
 fn sync(source: &SourceText<'_>, section: &SyncSection) -> Result<SyncPolicy, WallFileError> {
-    let &SyncSection { pipeline_depth } = section;
+    let &SyncSection { pipeline_depth, swap_lead_ms } = section;
     if pipeline_depth > PIPELINE_DEPTH_MAX {
         let what = format!("{pipeline_depth} frames cannot be sent ahead");
         let remedy = format!("write 0 to {PIPELINE_DEPTH_MAX}");
         return Err(source.error("sync.pipeline_depth", what, remedy));
     }
-    Ok(SyncPolicy { pipeline_depth })
+    if swap_lead_ms > SWAP_LEAD_MS_MAX {
+        let what = format!("a swap that is sent {swap_lead_ms} ms ahead");
+        let remedy = format!("write {SWAP_LEAD_MS_MAX} or less, such as 5");
+        return Err(source.error("sync.swap_lead_ms", what, remedy));
+    }
+    Ok(SyncPolicy { pipeline_depth, swap_lead_ms })
 }
 
 fn check_network(source: &SourceText<'_>, network: &NetworkSection) -> Result<(), WallFileError> {

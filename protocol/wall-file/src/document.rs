@@ -116,6 +116,10 @@ pub struct SyncSection {
     /// the servers does not add to each frame; what is seen lags by one frame more, and each
     /// window takes the memory of one more picture. 0: one frame after the other.
     pub pipeline_depth: u32,
+    /// Servers present a frame so many milliseconds after its swap command was sent, all at one
+    /// instant of the manager's clock, which they estimate: for displays without genlock. More than
+    /// the longest way to a server takes; 0 to 100. 0: each presents it as the command arrives.
+    pub swap_lead_ms: u32,
 }
 
 /// Addresses and silence.

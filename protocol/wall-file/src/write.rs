@@ -42,7 +42,10 @@ pub fn to_toml(wall: &Wall) -> String {
             min_ms: wall.deadline.min_ms,
             max_ms: wall.deadline.max_ms,
         },
-        sync: SyncSection { pipeline_depth: wall.sync.pipeline_depth },
+        sync: SyncSection {
+            pipeline_depth: wall.sync.pipeline_depth,
+            swap_lead_ms: wall.sync.swap_lead_ms,
+        },
         network: NetworkSection { listen: wall.listen.clone(), heartbeat_ms: wall.heartbeat_ms },
         storage: StorageSection { stores: wall.stores.clone(), scenes: wall.scenes.clone() },
         blend: BlendSection { exponent: wall.blend.exponent, leak: wall.blend.leak },

@@ -55,7 +55,8 @@ pub use viewpoint::{StereoMode, StereoRule, Viewpoint};
 
 use crate::limits::{
     CANVAS_SIDE_MAX, CHANNEL_SIDE_MAX, CHANNELS_MAX, DEADLINE_FACTOR_DEFAULT, DEADLINE_MAX_DEFAULT,
-    DEADLINE_MIN_DEFAULT, HEARTBEAT_DEFAULT, PIPELINE_DEPTH_MAX, SCREENS_MAX, WALL_FILES_MAX,
+    DEADLINE_MIN_DEFAULT, HEARTBEAT_DEFAULT, PIPELINE_DEPTH_MAX, SCREENS_MAX, SWAP_LEAD_MS_MAX,
+    WALL_FILES_MAX,
 };
 
 /// From one eye to the other: the mean of adults, N. Dodgson, *Variation and extrema of human
@@ -122,6 +123,10 @@ pub struct SyncPolicy {
     /// Frames that are sent ahead of the one that waits for its swap: 0 to
     /// [`PIPELINE_DEPTH_MAX`](limits::PIPELINE_DEPTH_MAX).
     pub pipeline_depth: u32,
+    /// Time from the swap command to the instant at which all servers present the frame, by their
+    /// estimates of the manager's clock; 0 to
+    /// [`SWAP_LEAD_MS_MAX`](limits::SWAP_LEAD_MS_MAX), 0 where they present as it arrives.
+    pub swap_lead_ms: u32,
 }
 
 /// How channels share the light of a place that several of them light.
@@ -229,8 +234,9 @@ impl Wall {
         if !(is_separate && exponent > 0.0 && exponent.is_finite() && (0.0..1.0).contains(&leak)) {
             return Some("the eye separation or the rule of blends is out of range".into());
         }
-        if self.sync.pipeline_depth > PIPELINE_DEPTH_MAX {
-            return Some("more frames are sent ahead than may be".into());
+        let SyncPolicy { pipeline_depth, swap_lead_ms } = self.sync;
+        if pipeline_depth > PIPELINE_DEPTH_MAX || swap_lead_ms > SWAP_LEAD_MS_MAX {
+            return Some("frames are sent or swapped further ahead than may be".into());
         }
         if !self.stereo.is_sound() {
             return Some("the error of omnidirectional stereo is out of range".into());

@@ -73,6 +73,10 @@ pub const DEADLINE_FACTOR_DEFAULT: f64 = 4.0;
 /// round trip to the servers, and each further one would show every input a frame later.
 pub const PIPELINE_DEPTH_MAX: u32 = 1;
 
+/// Maximum time from a swap command to the instant that it states, in milliseconds: the way to a
+/// server on another continent takes as long, and everything that is seen comes so much later.
+pub const SWAP_LEAD_MS_MAX: u32 = 100;
+
 /// The manager's port where a wall file names none.
 pub const PORT_DEFAULT: u16 = 7878;
 

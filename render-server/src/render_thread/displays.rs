@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use polyptych_protocol::ids::{Epoch, FrameId};
 use polyptych_protocol::output_mode::OutputMode;
 
 use super::RenderThread;
 use crate::channel_output::ChannelOutput;
+use crate::frame_scheduler::FrameKey;
 use crate::loader::LoadedState;
 use crate::render_event;
 
@@ -16,7 +16,12 @@ use crate::render_event;
 const IDLE_WAIT: Duration = Duration::from_mins(10);
 
 impl RenderThread {
-    pub(super) fn show(&mut self, epoch: Epoch, frame: FrameId, mode: OutputMode) {
+    pub(super) fn show(
+        &mut self,
+        (epoch, frame): FrameKey,
+        mode: OutputMode,
+        is_unscheduled: bool,
+    ) {
         let state = self.states.front().map(|drawable| Arc::clone(&drawable.state));
         let Some(state) = state.filter(|state| state.epoch == epoch) else { return };
         let Some(wall) = state.replica.wall.as_deref() else { return };
@@ -35,7 +40,9 @@ impl RenderThread {
                 output.latch_image(&self.gpu, (epoch, frame));
             }
             match output.present(&self.gpu, &self.showing, &self.identity) {
-                Ok(()) => self.send(render_event::shown(epoch, frame, id, &self.clock)),
+                Ok(()) => {
+                    self.send(render_event::shown(epoch, frame, id, &self.clock, is_unscheduled));
+                }
                 Err(reason) => self.send(render_event::draw_failed(frame, id, reason)),
             }
         }

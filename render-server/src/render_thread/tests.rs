@@ -144,7 +144,12 @@ impl RenderThreadFixture {
     /// Draws and shows a frame. Gives the picture of it that a capture gets.
     fn show(&mut self, exposure: f32, display: OutputMode) -> Vec<u8> {
         self.draw(exposure, display);
-        let swap = Swap { epoch: EPOCH, frame: FrameId(self.frame), not_after_us: u64::MAX };
+        let swap = Swap {
+            epoch: EPOCH,
+            frame: FrameId(self.frame),
+            not_after_us: u64::MAX,
+            present_at_us: None,
+        };
         self.thread.handle(RenderTask::Swap(swap));
         self.turn();
         let (mut captured, mut drawn, mut shown) = (Vec::new(), false, false);
@@ -207,7 +212,12 @@ fn a_picture_that_was_drawn_ahead_is_shown_with_its_own_swap() {
     let mut stage = RenderThreadFixture::new();
     let pictures = [0.3, 0.5, 0.7, 0.9].map(|exposure| stage.show(exposure, OutputMode::Normal));
     let swap = |stage: &mut RenderThreadFixture, frame: u64| {
-        let swap = Swap { epoch: EPOCH, frame: FrameId(frame), not_after_us: u64::MAX };
+        let swap = Swap {
+            epoch: EPOCH,
+            frame: FrameId(frame),
+            not_after_us: u64::MAX,
+            present_at_us: None,
+        };
         stage.thread.handle(RenderTask::Swap(swap));
     };
     let first = stage.frame + 1;

@@ -419,11 +419,13 @@ impl Cluster {
         if self.pipeline.is_empty() {
             self.registry.admit_late(now, self.frame);
         }
+        let lead_us = Micros::from(self.wall.sync.swap_lead_ms) * 1000;
         // A server that hangs longer than a frame may take must not show this one any more.
         let swap = Swap {
             epoch: self.epoch,
             frame: barrier.frame,
-            not_after_us: now + self.deadline.length(),
+            not_after_us: now + lead_us + self.deadline.length(),
+            present_at_us: (lead_us > 0).then_some(now + lead_us),
         };
         self.command(barrier.sent.clone(), Command::Swap(swap));
         self.swapped = barrier.frame;

@@ -210,7 +210,8 @@ mod tests {
 
     fn shown(frame: u64, channel: u16, at_us: u64, clock_error_us: u32) -> FramePresented {
         let (frame, channel) = (FrameId(frame), ChannelId(channel));
-        FramePresented { epoch: Epoch(1), frame, channel, at_us, clock_error_us }
+        let is_unscheduled = false;
+        FramePresented { epoch: Epoch(1), frame, channel, at_us, clock_error_us, is_unscheduled }
     }
 
     #[test]

@@ -71,6 +71,7 @@ struct ChannelSamples {
     draw: Samples,
     skew: Samples,
     clock_error_us: u32,
+    unscheduled: u64,
     frames: u64,
     last_shown_us: Option<u64>,
     longest_gap_us: u64,
@@ -183,6 +184,7 @@ impl StatisticsCollector {
         let Some(channel) = self.channels.get_mut(usize::from(shown.channel.0)) else { return };
         channel.frames += 1;
         channel.clock_error_us = shown.clock_error_us;
+        channel.unscheduled += u64::from(shown.is_unscheduled);
         // A server that has just come does not know the manager's time yet.
         if shown.clock_error_us == u32::MAX {
             return;
@@ -232,6 +234,7 @@ impl StatisticsCollector {
                     swap_skew_us: of.skew.spread_us(),
                     clock_error_us: of.clock_error_us,
                     longest_gap_ms: of.longest_gap_us.max(open_gap_us) as f64 / 1000.0,
+                    unscheduled: of.unscheduled,
                     late: channel.late - of.late_before.min(channel.late),
                     triangles: of.triangles,
                     draw_calls: of.draw_calls,

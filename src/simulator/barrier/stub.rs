@@ -166,6 +166,7 @@ async fn converse(
                     channel: ChannelId(index),
                     at_us: 0,
                     clock_error_us: 0,
+                    is_unscheduled: false,
                 });
                 let answer = polyptych_codec::encode(&shown);
                 seen.swaps.push((swap.frame, received));

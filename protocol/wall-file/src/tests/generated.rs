@@ -285,11 +285,11 @@ pub(crate) fn wall() -> impl Strategy<Value = Wall> {
         prop::collection::vec(seed(), 1..4),
         prop::array::uniform3(-100.0..100.0),
         (1e-6..1e3, any::<bool>(), 20u32..=60_000, "[ -~é]{1,12}"),
-        (1.0..1e9, 1u32..=60_000, 1u32..=60_000, 0u32..=1),
+        (1.0..1e9, 1u32..=60_000, 1u32..=60_000, (0u32..=1, 0u32..=100)),
         (0.0..1.0, 0.1..5.0, 0.0..0.1, any::<bool>()),
     )
         .prop_map(|(mut seeds, eye, (near_m, many, heartbeat_ms, folder), deadline, light)| {
-            let (factor, a, b, pipeline_depth) = deadline;
+            let (factor, a, b, (pipeline_depth, swap_lead_ms)) = deadline;
             let (eye_separation_m, exponent, leak, dither) = light;
             let mut wall = Wall {
                 eye: DVec3::from(eye),
@@ -299,7 +299,7 @@ pub(crate) fn wall() -> impl Strategy<Value = Wall> {
                 blend: BlendConfig { exponent, leak },
                 dither,
                 deadline: DeadlinePolicy { factor, min_ms: a.min(b), max_ms: a.max(b) },
-                sync: SyncPolicy { pipeline_depth },
+                sync: SyncPolicy { pipeline_depth, swap_lead_ms },
                 heartbeat_ms,
                 listen: "[::]:1".into(),
                 stores: vec![],

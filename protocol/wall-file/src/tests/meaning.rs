@@ -302,6 +302,10 @@ fn more_than_one_frame_cannot_be_sent_ahead() {
         "2:1: sync.pipeline_depth: 2 frames cannot be sent ahead; write 0 to 1",
     );
     check(&sync("pipeline_depth = -1"), "2:");
+    check(
+        &sync("swap_lead_ms = 101"),
+        "2:1: sync.swap_lead_ms: a swap that is sent 101 ms ahead; write 100 or less, such as 5",
+    );
 }
 
 #[test]

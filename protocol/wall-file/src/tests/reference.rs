@@ -144,7 +144,7 @@ const SECTIONS: &[Section] = &[
     Section {
         of: "SyncSection",
         heading: "[sync]",
-        example: "[sync]\npipeline_depth = 1\n",
+        example: "[sync]\npipeline_depth = 0\nswap_lead_ms = 5\n",
         around: [TILED, ""],
     },
     Section {

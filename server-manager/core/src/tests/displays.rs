@@ -15,6 +15,7 @@ impl ClusterFixture {
             channel: ChannelId(channel),
             at_us: self.now + after,
             clock_error_us,
+            is_unscheduled: false,
         };
         // The report comes at once.
         let from = SessionId(u64::from(channel));

@@ -73,7 +73,7 @@ impl Coverage {
 }
 
 /// What ten thousand schedules must have gone through.
-const WHAT_MUST_HAPPEN: [&str; 30] = [
+const WHAT_MUST_HAPPEN: [&str; 32] = [
     "camera moved by a mouse",
     "client disconnected",
     "connection cut",
@@ -102,6 +102,8 @@ const WHAT_MUST_HAPPEN: [&str; 30] = [
     "server slow",
     "server stopped",
     "session closed by the core",
+    "shown at its instant",
+    "shown behind its instant",
     "taken over by the same process",
     "tuning refused by a server",
 ];

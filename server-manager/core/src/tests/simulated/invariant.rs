@@ -15,6 +15,7 @@ use super::super::change::HOLDS_REFUSED;
 use super::super::{Cluster, FRAME_ORDERS_MAX, Micros, SessionId};
 use super::coverage::Coverage;
 use super::manager::Manager;
+use super::playback::SWAP_SPIN_US;
 use super::promise::DurabilityChecker;
 use super::server::{DrawnImage, State};
 use super::world::Check;
@@ -299,7 +300,8 @@ impl InvariantChecker {
             return Err(format!("frame {frame} is swapped, which was never begun"));
         };
         record.not_after_us = Some(swap.not_after_us);
-        if swap.not_after_us > now - self.started + self.longest_us {
+        let lead_us = Micros::from(cluster.wall.sync.swap_lead_ms) * 1000;
+        if swap.not_after_us > now - self.started + lead_us + self.longest_us {
             return Err(format!("frame {frame} may be shown for longer than any frame waits"));
         }
         if let Some(session) = to.iter().find(|session| record.disbelieved.contains(session)) {
@@ -451,6 +453,24 @@ impl InvariantChecker {
         let since = self.progress.max(manager.stopped_until);
         if now.saturating_sub(since) > self.longest_us + 1 {
             return Err(format!("the wall stands still for {} µs", now - since));
+        }
+        Ok(())
+    }
+
+    /// A server presents at `now` of the simulation what its swap stated another instant for, in
+    /// manager time, which it knows up to this error.
+    pub fn shown_at(
+        &self,
+        now: Micros,
+        epoch: Epoch,
+        stated_us: Micros,
+        clock_error_us: u32,
+    ) -> Check {
+        // As in `shown`, and by how much it may be woken late.
+        let slack_us = Micros::from(clock_error_us) + 1_000 + SWAP_SPIN_US;
+        let off_us = (now - self.started).abs_diff(stated_us);
+        if epoch == self.epoch && off_us > slack_us {
+            return Err(format!("a frame is shown {off_us} µs off its instant"));
         }
         Ok(())
     }

@@ -4,7 +4,6 @@
 use std::time::Duration;
 
 use polyptych_protocol::command::{Frame, Swap};
-use polyptych_protocol::ids::{Epoch, FrameId};
 use polyptych_protocol::server_message::{FramePresented, FrameRendered, ServerMessage};
 
 use super::super::Micros;
@@ -63,18 +62,15 @@ impl Simulation {
                 match job {
                     Job::Frame(frame) => playback.handle_frame(frame),
                     Job::Swap(swap) => {
-                        if let Some(FrameAction::Show { epoch, frame, .. }) =
-                            playback.handle_swap(swap, manager_us)
-                        {
-                            self.show(index, epoch, frame)?;
-                        }
+                        let act = playback.handle_swap(swap, manager_us);
+                        self.show(index, act.as_ref())?;
                     }
                     Job::Disconnected => playback.reset(),
                 }
             }
             let manager_us = self.servers[index].manager_us(self.now);
             match self.servers[index].playback.poll(manager_us) {
-                Some(FrameAction::Show { epoch, frame, .. }) => self.show(index, epoch, frame)?,
+                show @ Some(FrameAction::Show { .. }) => self.show(index, show.as_ref())?,
                 Some(FrameAction::Draw { frame, keep }) => {
                     if let Some(key) = keep {
                         self.keep_aside(index, key);
@@ -83,12 +79,24 @@ impl Simulation {
                 }
                 None => {
                     if !self.begin_warm_up(index) {
+                        self.wake_for_show(index);
                         break;
                     }
                 }
             }
         }
         Ok(())
+    }
+
+    /// A thread that waits for the instant of a swap runs then.
+    fn wake_for_show(&mut self, index: usize) {
+        let server = &self.servers[index];
+        let due = server.playback.next_show_us().zip(server.manager_us(self.now));
+        let life = server.life;
+        if let Some((due, manager_us)) = due {
+            let wait_us = due.saturating_sub(manager_us).max(1);
+            self.at(self.now + wait_us, SimEvent::Render(index, life));
+        }
     }
 
     /// Makes the state drawable that waits for that, if any.
@@ -176,9 +184,7 @@ impl Simulation {
                         server.graces_us.pop_front();
                     }
                     let act = server.playback.frame_drawn(&frame, took, manager_us);
-                    if let Some(FrameAction::Show { epoch, frame, .. }) = act {
-                        self.show(index, epoch, frame)?;
-                    }
+                    self.show(index, act.as_ref())?;
                 }
                 if self.begin_warm_up(index) {
                     return Ok(());
@@ -217,7 +223,11 @@ impl Simulation {
         true
     }
 
-    fn show(&mut self, index: usize, epoch: Epoch, frame: FrameId) -> Check {
+    fn show(&mut self, index: usize, act: Option<&FrameAction>) -> Check {
+        let Some(&FrameAction::Show { epoch, frame, at_us: stated_us, is_unscheduled, .. }) = act
+        else {
+            return Ok(());
+        };
         let server = &self.servers[index];
         if server.states.front().is_none_or(|state| state.epoch != epoch) {
             return Ok(());
@@ -226,14 +236,24 @@ impl Simulation {
         let grace_us = server.graces_us.iter().find(|(key, _)| *key == (epoch, frame));
         let grace_us = grace_us.map_or(0, |(_, grace_us)| *grace_us);
         let slack_us = Micros::from(clock_error_us) + grace_us;
-        let at_us = server.manager_us(self.now).unwrap_or(0);
+        let manager_us = server.manager_us(self.now).unwrap_or(0);
+        // It looks at the clock until then.
+        let at_us = stated_us.unwrap_or(manager_us);
+        let now = self.now + at_us.saturating_sub(manager_us);
+        if let Some(stated_us) = stated_us {
+            self.watch.shown_at(now, epoch, stated_us, clock_error_us)?;
+            self.coverage.count("shown at its instant");
+        } else if is_unscheduled {
+            self.coverage.count("shown behind its instant");
+        }
         for channel in server.channels.clone() {
             let server = &self.servers[index];
             let aside = server.aside.get(&channel);
             let aside = aside.filter(|of| (of.epoch, of.frame) == (epoch, frame));
             let picture = aside.or_else(|| server.targets.get(&channel)).copied();
-            self.watch.shown(self.now, channel, (epoch, frame), picture, slack_us)?;
-            let shown = FramePresented { epoch, frame, channel, at_us, clock_error_us };
+            self.watch.shown(now, channel, (epoch, frame), picture, slack_us)?;
+            let shown =
+                FramePresented { epoch, frame, channel, at_us, clock_error_us, is_unscheduled };
             self.report(index, ServerMessage::Shown(shown));
         }
         Ok(())

@@ -89,6 +89,7 @@ fn build(seed: u64, dice: &mut Rng) -> Simulation {
     wall.deadline = DeadlinePolicy { factor: 4.0, min_ms: dice.pick(&[30, 50]), max_ms };
     // By the seed, so that older seeds of the others mean what they did.
     wall.sync.pipeline_depth = u32::from(seed % 8 >= 4);
+    wall.sync.swap_lead_ms = if seed % 3 == 2 { 5 } else { 0 };
     let clients = dice.below(4) as usize;
     Simulation::new(seed, wall, servers, clients)
 }
