@@ -81,6 +81,23 @@ pub(crate) fn picture_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
     })
 }
 
+/// Group 1 of the passes that read depth, of one sample or of several for each pixel.
+pub(crate) fn depth_layout(device: &wgpu::Device, multisampled: bool) -> wgpu::BindGroupLayout {
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("depth/layout"),
+        entries: &[wgpu::BindGroupLayoutEntry {
+            binding: 0,
+            visibility: wgpu::ShaderStages::FRAGMENT,
+            ty: wgpu::BindingType::Texture {
+                sample_type: wgpu::TextureSampleType::Depth,
+                view_dimension: wgpu::TextureViewDimension::D2,
+                multisampled,
+            },
+            count: None,
+        }],
+    })
+}
+
 /// Group 1 of the correction: the source, its sampler, uniforms, light map, measured codes, and
 /// planes that have triangles of their own.
 pub(crate) fn correction_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {

@@ -8,11 +8,12 @@ use std::collections::BTreeSet;
 
 use glam::{DAffine3, DMat4, DVec3};
 
+use super::cull::FrustumPlanes;
 use super::error_tolerance::ErrorTolerance;
 use super::item_draws::ItemDraws;
 use super::pipeline::InstanceRecord;
 use super::scene::{
-    Billboard, Bounds, DrawItem, EyeRelativeTransform, GpuScene, Selection, Stance, relative_to,
+    Billboard, Bounds, DrawItem, EyeRelativeTransform, GpuScene, Stance, relative_to,
 };
 use super::view::ViewDesc;
 
@@ -56,7 +57,6 @@ pub(crate) struct DrawList {
 /// Room that is kept from frame to frame.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    visible: Vec<u32>,
     /// Rank of the batch, bits of the distance, item.
     opaque: Vec<(u32, u64, u32)>,
     blended: Vec<(u64, u32)>,
@@ -65,38 +65,63 @@ pub(crate) struct Scratch {
     chosen: Vec<u32>,
 }
 
-impl DrawList {
-    /// Culls and sorts; appends the instance records.
-    pub fn new(
-        scene: &GpuScene,
-        view: &ViewDesc,
-        rectangle: [u32; 4],
-        scratch: &mut Scratch,
-        instances: &mut Vec<InstanceRecord>,
-    ) -> Self {
-        scratch.visible.clear();
+/// The items that a view may show, in no particular order.
+#[derive(Debug)]
+pub(crate) struct VisibleItems {
+    /// Pixels of the target that the view may touch: x, y, width, height.
+    pub rectangle: [u32; 4],
+    pub items: Vec<u32>,
+    planes: FrustumPlanes,
+    tolerance: ErrorTolerance,
+    /// The largest size of what was left out as too small, as a share of what is allowed.
+    error_share: f32,
+}
+
+impl VisibleItems {
+    /// Finds the items of the part of the scene that a view shows, within a rectangle of the
+    /// target.
+    pub fn new(scene: &GpuScene, view: &ViewDesc, rectangle: [u32; 4]) -> Self {
         let planes = view.planes(rectangle);
-        scene.visible(&planes, &mut scratch.visible);
+        let mut items = Vec::new();
+        scene.visible(&planes, &mut items);
         let part = scene.layout.tree.select(&view.subset);
         if !part.is_whole() {
             let layout = &scene.layout;
-            scratch.visible.retain(|&index| {
+            items.retain(|&index| {
                 let item = &layout.items[index as usize];
                 part.has_place(item.place)
                     && part.has_layer(layout.batches[item.batch as usize].layer)
             });
         }
         let tolerance = ErrorTolerance::new(view);
-        let mut list = Self { rectangle, ..Self::default() };
-        list.error_share = leave_out_small(scene, &tolerance, &mut scratch.visible);
-        list.visible = scratch.visible.len() as u32;
-        list.touched = touched(scene, view, rectangle, &scratch.visible);
-        sort(scene, view, part, scratch);
+        let error_share = leave_out_small(scene, &tolerance, &mut items);
+        Self { rectangle, items, planes, tolerance, error_share }
+    }
+}
+
+impl DrawList {
+    /// Sorts some of the items that a view shows; appends their instance records.
+    pub fn new(
+        scene: &GpuScene,
+        view: &ViewDesc,
+        (of, items): (&VisibleItems, &[u32]),
+        scratch: &mut Scratch,
+        instances: &mut Vec<InstanceRecord>,
+    ) -> Self {
+        let VisibleItems { rectangle, planes, tolerance, error_share, .. } = of;
+        let mut list = Self {
+            rectangle: *rectangle,
+            visible: items.len() as u32,
+            touched: touched(scene, view, *rectangle, items),
+            error_share: *error_share,
+            ..Self::default()
+        };
+        sort(scene, view, items, scratch);
         let turns = Billboard::turns(&scene.layout.billboards, view);
         let seen_from =
             SeenFrom { eye: view.eye_in_world, clip_from_eye: view.scaled_clip_from_eye(), turns };
         let Scratch { opaque, blended, chosen, .. } = scratch;
-        let mut item_draws = ItemDraws { scene, planes: &planes, tolerance, chosen };
+        let mut item_draws = ItemDraws { scene, planes, tolerance: *tolerance, chosen };
         for &(_, _, index) in &*opaque {
             list.add(&mut item_draws, &seen_from, index, instances);
         }
@@ -226,7 +251,8 @@ fn sphere_of_mesh(scene: &GpuScene, item: &DrawItem, stance: &Stance) -> (DVec3,
 ///
 /// Batches are as near as those of their items that the view shows: what it does not show must not
 /// decide which of two surfaces of one depth wins.
-fn sort(scene: &GpuScene, view: &ViewDesc, part: Selection, scratch: &mut Scratch) {
+fn sort(scene: &GpuScene, view: &ViewDesc, items: &[u32], scratch: &mut Scratch) {
+    let part = scene.layout.tree.select(&view.subset);
     let own = (!part.has_all_places()).then(|| scene.batch_bounds_of(part));
     let mut batches: Vec<(f64, u32)> = (0u32..)
         .zip(&scene.layout.batches)
@@ -245,7 +271,7 @@ fn sort(scene: &GpuScene, view: &ViewDesc, part: Selection, scratch: &mut Scratc
     }
     scratch.opaque.clear();
     scratch.blended.clear();
-    for &index in &scratch.visible {
+    for &index in items {
         let (item, _, bounds) = scene.item(index);
         let distance = view.sort_depth(bounds, false);
         if scene.layout.batches[item.batch as usize].blended {

@@ -1,14 +1,19 @@
 //! One frame: cull, write, encode the passes in order, submit, wait.
 
+mod frame_buffer;
+mod hidden_items;
+
 use std::time::{Duration, Instant};
 
 use glam::{DMat3, DMat4, DVec3, Vec3};
 use polyptych_scene::SceneSubset;
 
 use super::bindings::uniform_stride;
-use super::draw_list::{Draw, DrawList, Scratch, samples_of};
+use super::draw_list::{Draw, DrawList, Scratch, VisibleItems, samples_of};
 use super::gpu::{Gpu, GpuFaultKind};
 use super::pass::tonemap::{Tonemap, light_color};
+use super::occlusion::OcclusionCulling;
+use super::pass::occluder::OccluderPass;
 use super::pass::{opaque, transparent};
 use super::pipeline::{InstanceRecord, Pipelines};
 use super::scene::GpuScene;
@@ -16,6 +21,9 @@ use super::target::Target;
 use super::tone::{LIGHT_MAX, tone_map};
 use super::view::{AllowedError, FrameUniform, LocalLightRecord, ViewDesc};
 use super::{DrawError, DrawStats, albedo};
+use frame_buffer::{FrameBuffer, is_too_large};
+pub(crate) use hidden_items::OcclusionMemory;
+use hidden_items::{ShownView, encode_behind, has_enough};
 
 /// A frame that takes longer is taken for a GPU that hangs.
 const GPU_WAIT_MAX: Duration = Duration::from_secs(30);
@@ -23,51 +31,6 @@ const GPU_WAIT_MAX: Duration = Duration::from_secs(30);
 /// Maximum number of primitives that all views of a frame show: 120 bytes each here, and at most
 /// 240 on the GPU. Views multiply a scene: this is twice the largest, or one for two eyes.
 const RECORDS_MAX: usize = 4 << 20;
-
-/// How many times more than a frame needs is kept for the next ones: a camera that looks away and
-/// back costs nothing, and a heavy scene leaves its memory when another one is shown.
-const KEPT_FACTOR: u64 = 16;
-
-/// Bytes that are kept in any case.
-const KEPT_BYTES: u64 = 1 << 20;
-
-fn is_too_large(bytes: u64, needed: u64) -> bool {
-    bytes > KEPT_BYTES && bytes / KEPT_FACTOR > needed
-}
-
-/// A buffer that is written once a frame. It grows to twice what is needed when it is too small,
-/// and shrinks to that when it is far too large.
-#[derive(Debug)]
-struct FrameBuffer {
-    label: &'static str,
-    usage: wgpu::BufferUsages,
-    buffer: Option<wgpu::Buffer>,
-}
-
-impl FrameBuffer {
-    fn new(label: &'static str, usage: wgpu::BufferUsages) -> Self {
-        Self { label, usage: usage | wgpu::BufferUsages::COPY_DST, buffer: None }
-    }
-
-    fn write(&mut self, gpu: &Gpu, bytes: &[u8]) -> &wgpu::Buffer {
-        let needed = bytes.len().max(4) as u64;
-        let buffer = match self.buffer.take() {
-            Some(buffer) if buffer.size() >= needed && !is_too_large(buffer.size(), needed) => {
-                buffer
-            }
-            _ => gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(self.label),
-                size: (needed * 2).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT),
-                usage: self.usage,
-                mapped_at_creation: false,
-            }),
-        };
-        if !bytes.is_empty() {
-            gpu.queue.write_buffer(&buffer, 0, bytes);
-        }
-        self.buffer.insert(buffer)
-    }
-}
 
 /// What frames need again and again.
 #[derive(Debug)]
@@ -87,7 +50,10 @@ pub(crate) struct FrameResources {
 /// What the passes draw with.
 pub(crate) struct DrawContext<'a> {
     scene: &'a GpuScene,
-    pipelines: Vec<&'a wgpu::RenderPipeline>,
+    /// In the order of the scene's keys; what has none is not drawn.
+    pipelines: Vec<Option<&'a wgpu::RenderPipeline>>,
+    /// The pipelines read materials.
+    has_materials: bool,
     views: Vec<&'a ViewDesc>,
     pub lists: &'a [DrawList],
     group: wgpu::BindGroup,
@@ -115,10 +81,11 @@ impl DrawContext<'_> {
         let (mut pipeline, mut material, mut geometry) = (None, None, None);
         for draw in draws {
             let batch = &self.scene.layout.batches[draw.batch as usize];
+            let Some(with) = self.pipelines[draw.pipeline as usize] else { continue };
             if pipeline.replace(draw.pipeline) != Some(draw.pipeline) {
-                pass.set_pipeline(self.pipelines[draw.pipeline as usize]);
+                pass.set_pipeline(with);
             }
-            if material.replace(batch.material) != Some(batch.material) {
+            if self.has_materials && material.replace(batch.material) != Some(batch.material) {
                 pass.set_bind_group(2, &self.scene.materials[batch.material as usize], &[]);
             }
             let shape = &self.scene.geometries[batch.geometry as usize];
@@ -153,33 +120,39 @@ impl FrameResources {
     /// Bytes that are held for the primitives of a frame, here and on the GPU.
     #[cfg(test)]
     pub fn held_bytes(&self) -> u64 {
-        let on_gpu = self.instances.buffer.as_ref().map_or(0, wgpu::Buffer::size);
-        on_gpu + (self.records.capacity() * size_of::<InstanceRecord>()) as u64
+        self.instances.size() + (self.records.capacity() * size_of::<InstanceRecord>()) as u64
     }
 
-    /// Draws the views of a frame, and waits until the picture is there.
+    /// Draws the views of a frame, and waits until the picture is there. What others hide is left
+    /// out at times, if the pass for it is given.
     pub fn draw(
         &mut self,
         gpu: &Gpu,
-        pipelines: &Pipelines,
+        (pipelines, occluders): (&Pipelines, Option<(&OccluderPass, OcclusionCulling)>),
         scene: &GpuScene,
-        target: &Target,
+        target: &mut Target,
         views: &[ViewDesc],
     ) -> Result<DrawStats, DrawError> {
         let start = Instant::now();
-        self.records.clear();
         let views: Vec<ViewDesc> = views.iter().map(|view| fitted(scene, view)).collect();
-        let mut lists = Vec::with_capacity(views.len());
-        let mut seen = Vec::with_capacity(views.len());
+        let mut shown = Vec::with_capacity(views.len());
         for view in &views {
             let Some(rectangle) = view.rectangle(target.size()) else { continue };
-            let (scratch, records) = (&mut self.scratch, &mut self.records);
-            lists.push(DrawList::new(scene, view, rectangle, scratch, records));
-            check_records(gpu, self.records.len())
-                .map_err(|reason| DrawError::View { index: seen.len(), reason })?;
-            seen.push(view);
+            shown.push((view, VisibleItems::new(scene, view, rectangle)));
         }
-        let culled = start.elapsed();
+        let found = start.elapsed();
+        let has_enough = has_enough(&shown);
+        let occluders = occluders
+            .filter(|(_, when)| has_enough && target.occlusion.is_used(*when));
+        let (mut occluded, mut behind) = (0, None);
+        if let Some((occluders, _)) = occluders
+            && let Some(count) = self.leave_out_hidden(gpu, occluders, scene, target, &mut shown)?
+        {
+            (occluded, behind) = (count, Some(occluders));
+        }
+        let searched = start.elapsed();
+        let lists = self.lists(gpu, scene, &shown)?;
+        let culled = found + start.elapsed().saturating_sub(searched);
         let sky = sky(scene, &views);
         let clear_display = if scene.layout.blends {
             self.tonemap.sky_color(gpu, sky, target.content())?
@@ -187,13 +160,17 @@ impl FrameResources {
             light_color(tone_map(sky))
         };
         let ready = ready(pipelines, scene, target)?;
-        let context = self.context(gpu, ready, scene, seen, &lists);
+        let context =
+            self.context(gpu, ready, scene, shown.iter().map(|(view, _)| *view).collect(), &lists);
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
+        if let Some(occluders) = behind {
+            encode_behind(&mut encoder, occluders, target);
+        }
         {
             let clear_scene = if scene.layout.blends { light_color(sky) } else { clear_display };
-            let mut pass = begin(&mut encoder, target, clear_scene);
+            let mut pass = begin(&mut encoder, target, clear_scene, behind.is_some());
             opaque::encode(&mut pass, &context);
             transparent::encode(&mut pass, &context);
         }
@@ -201,14 +178,11 @@ impl FrameResources {
         self.tonemap.encode(gpu, &mut encoder, target, clear_display, touched);
         let index = gpu.queue.submit([encoder.finish()]);
         let encoded = start.elapsed();
-        let records_bytes = |records: usize| (records * size_of::<InstanceRecord>()) as u64;
-        let (held, needed) = (self.records.capacity(), self.records.len());
-        if is_too_large(records_bytes(held), records_bytes(needed)) {
-            self.records = Vec::new();
-            self.scratch = Scratch::default();
-        }
+        self.shrink();
         wait(gpu, index)?;
-        let microseconds = |duration: Duration| duration.as_micros() as u64;
+        let frame = start.elapsed();
+        let us = |duration: Duration| duration.as_micros() as u64;
+        target.occlusion.record(has_enough, us(frame));
         let visible: u32 = lists.iter().map(|list| list.visible).sum();
         Ok(DrawStats {
             triangles: lists.iter().map(|list| list.triangles).sum(),
@@ -216,11 +190,41 @@ impl FrameResources {
                 as u32,
             visible,
             error_share: lists.iter().map(|list| list.error_share).fold(0.0, f32::max),
-            culled: (scene.layout.items.len() * lists.len()) as u32 - visible,
-            cull_us: microseconds(culled),
-            encode_us: microseconds(encoded.saturating_sub(culled)),
-            gpu_us: microseconds(start.elapsed().saturating_sub(encoded)),
+            culled: (scene.layout.items.len() * lists.len()) as u32 - visible - occluded,
+            occluded,
+            occlusion_us: us(searched.saturating_sub(found)),
+            cull_us: us(culled),
+            encode_us: us(encoded.saturating_sub(culled + searched.saturating_sub(found))),
+            gpu_us: us(frame.saturating_sub(encoded)),
         })
+    }
+
+    /// Sorts what the views show, and makes its records.
+    fn lists(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        shown: &[ShownView<'_>],
+    ) -> Result<Vec<DrawList>, DrawError> {
+        self.records.clear();
+        let mut lists = Vec::with_capacity(shown.len());
+        for (index, (view, visible)) in shown.iter().enumerate() {
+            let (scratch, records) = (&mut self.scratch, &mut self.records);
+            lists.push(DrawList::new(scene, view, (visible, &visible.items), scratch, records));
+            check_records(gpu, records.len())
+                .map_err(|reason| DrawError::View { index, reason })?;
+        }
+        Ok(lists)
+    }
+
+    /// Gives back room that the frame did not need.
+    fn shrink(&mut self) {
+        let records_bytes = |records: usize| (records * size_of::<InstanceRecord>()) as u64;
+        let (held, needed) = (self.records.capacity(), self.records.len());
+        if is_too_large(records_bytes(held), records_bytes(needed)) {
+            self.records = Vec::new();
+            self.scratch = Scratch::default();
+        }
     }
 
     /// Draws a little with everything that the scene draws with, onto a target of one pixel, so
@@ -255,7 +259,7 @@ impl FrameResources {
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("warm") });
-        opaque::encode(&mut begin(&mut encoder, target, wgpu::Color::BLACK), &context);
+        opaque::encode(&mut begin(&mut encoder, target, wgpu::Color::BLACK, false), &context);
         self.tonemap.encode(gpu, &mut encoder, target, wgpu::Color::BLACK, Some([0, 0, 1, 1]));
         wait(gpu, gpu.queue.submit([encoder.finish()]))
     }
@@ -263,7 +267,7 @@ impl FrameResources {
     fn context<'a>(
         &'a mut self,
         gpu: &Gpu,
-        pipelines: Vec<&'a wgpu::RenderPipeline>,
+        pipelines: Vec<Option<&'a wgpu::RenderPipeline>>,
         scene: &'a GpuScene,
         views: Vec<&'a ViewDesc>,
         lists: &'a [DrawList],
@@ -323,6 +327,7 @@ impl FrameResources {
         DrawContext {
             scene,
             pipelines,
+            has_materials: true,
             views,
             lists,
             group,
@@ -361,9 +366,10 @@ fn ready<'a>(
     pipelines: &'a Pipelines,
     scene: &GpuScene,
     target: &Target,
-) -> Result<Vec<&'a wgpu::RenderPipeline>, DrawError> {
+) -> Result<Vec<Option<&'a wgpu::RenderPipeline>>, DrawError> {
     let found = scene.layout.keys.iter().map(|key| pipelines.get(key, target.content()));
-    found.collect::<Option<_>>().ok_or(DrawError::NotPrepared)
+    let found: Vec<_> = found.collect();
+    if found.contains(&None) { Err(DrawError::NotPrepared) } else { Ok(found) }
 }
 
 /// Exposed light of the sky, within what the targets hold.
@@ -372,11 +378,12 @@ fn sky(scene: &GpuScene, views: &[ViewDesc]) -> Vec3 {
     (scene.layout.sky * exposure).max(Vec3::ZERO).min(Vec3::splat(LIGHT_MAX))
 }
 
-/// Begins the pass over the scene.
+/// Begins the pass over the scene, with the depth that the target has or with none.
 fn begin<'a>(
     encoder: &'a mut wgpu::CommandEncoder,
     target: &Target,
     sky: wgpu::Color,
+    has_depth: bool,
 ) -> wgpu::RenderPass<'a> {
     let (view, resolve_target) = target.scene();
     // What has been resolved need not be kept.
@@ -393,7 +400,7 @@ fn begin<'a>(
         depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
             view: target.depth(),
             depth_ops: Some(wgpu::Operations {
-                load: wgpu::LoadOp::Clear(0.0),
+                load: if has_depth { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(0.0) },
                 store: wgpu::StoreOp::Discard,
             }),
             stencil_ops: None,

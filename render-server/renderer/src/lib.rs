@@ -19,6 +19,8 @@ mod error_tolerance;
 mod frame;
 mod gpu;
 mod item_draws;
+mod occlusion;
+mod occlusion_trial;
 mod output_texture;
 mod pass;
 mod pipeline;
@@ -37,6 +39,7 @@ mod view;
 
 pub use correction::{AtlasViewDesc, BlendMapDesc, CorrectionDesc, CorrectionError, EyeAtlas};
 pub use gpu::{AdapterInfo, Gpu, GpuError, GpuFault, GpuFaultKind};
+pub use occlusion::OcclusionCulling;
 pub use output_texture::{FINE_FORMAT, ImageEncoding, OutputTexture};
 pub use pass::correct::{Correction, CorrectionMesh, TAPS_MAX};
 pub use pass::idle;
@@ -87,9 +90,13 @@ pub struct DrawStats {
     pub visible: u32,
     /// Primitives in their places that did not, or that are too small for the allowed error.
     pub culled: u32,
+    /// Primitives in their places that others hide, and that were left out for it.
+    pub occluded: u32,
     /// The largest error of what was drawn coarser than it is or left out as too small, as a share
     /// of what is allowed where it stands; 0 to 1, and 0 if all is at its finest.
     pub error_share: f32,
+    /// Microseconds to find what others hide, with the wait for the depth of these.
+    pub occlusion_us: u64,
     /// Microseconds to cull and sort.
     pub cull_us: u64,
     /// Microseconds to write buffers, encode and submit.
@@ -107,7 +114,9 @@ impl DrawStats {
             draw_calls: self.draw_calls + other.draw_calls,
             visible: self.visible + other.visible,
             culled: self.culled + other.culled,
+            occluded: self.occluded + other.occluded,
             error_share: self.error_share.max(other.error_share),
+            occlusion_us: self.occlusion_us + other.occlusion_us,
             cull_us: self.cull_us + other.cull_us,
             encode_us: self.encode_us + other.encode_us,
             gpu_us: self.gpu_us + other.gpu_us,
@@ -121,6 +130,9 @@ pub struct Renderer {
     samples: u32,
     pipelines: pipeline::Pipelines,
     frames: frame::FrameResources,
+    /// `None` where the driver cannot.
+    occluders: Option<pass::occluder::OccluderPass>,
+    occlusion: OcclusionCulling,
 }
 
 impl Renderer {
@@ -134,7 +146,14 @@ impl Renderer {
         }
         let (pipelines, frames) =
             (pipeline::Pipelines::new(gpu, samples), frame::FrameResources::new(gpu));
-        Ok(Self { samples, pipelines, frames })
+        let occluders = pass::occluder::OccluderPass::new(gpu, samples);
+        let occlusion = OcclusionCulling::default();
+        Ok(Self { samples, pipelines, frames, occluders, occlusion })
+    }
+
+    /// Sets when items that others hide are left out; no picture depends on it.
+    pub fn set_occlusion(&mut self, occlusion: OcclusionCulling) {
+        self.occlusion = occlusion;
     }
 
     /// Samples per pixel.
@@ -153,6 +172,9 @@ impl Renderer {
     /// As [`Self::prepare`], for targets of this content.
     pub fn prepare_for(&mut self, gpu: &Gpu, scene: &GpuScene, content: ImageEncoding) {
         self.pipelines.prepare(gpu, &scene.layout.keys, content);
+        if let Some(occluders) = &mut self.occluders {
+            occluders.prepare(gpu, &scene.layout.keys);
+        }
         let warmed =
             Target::with_encoding(gpu, [1, 1], self.samples, scene.has_transparency(), content)
                 .map_err(|error| error.to_string())
@@ -188,6 +210,7 @@ impl Renderer {
                 return Err(DrawError::View { index, reason });
             }
         }
-        self.frames.draw(gpu, &self.pipelines, scene, target, views)
+        let occluders = self.occluders.as_ref().map(|occluders| (occluders, self.occlusion));
+        self.frames.draw(gpu, (&self.pipelines, occluders), scene, target, views)
     }
 }

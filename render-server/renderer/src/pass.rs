@@ -3,6 +3,7 @@
 pub mod correct;
 pub mod idle;
 pub mod label;
+pub(crate) mod occluder;
 pub(crate) mod opaque;
 pub mod present_pass;
 pub(crate) mod tonemap;

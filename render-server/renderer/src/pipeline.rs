@@ -202,7 +202,7 @@ impl Pipelines {
                 compilation_options: compilation_options(),
                 buffers: &buffers,
             },
-            primitive: primitive_state(key),
+            primitive: primitive_state(key.topology, key.cull, key.mirrored),
             depth_stencil: Some(wgpu::DepthStencilState {
                 format: DEPTH_FORMAT,
                 depth_write_enabled: Some(!blended),
@@ -241,15 +241,19 @@ fn blend_state(lit: bool) -> wgpu::BlendState {
     wgpu::BlendState { alpha, ..over }
 }
 
-fn primitive_state(key: &PipelineKey) -> wgpu::PrimitiveState {
+pub(crate) fn primitive_state(
+    topology: Topology,
+    cull: Cull,
+    mirrored: bool,
+) -> wgpu::PrimitiveState {
     wgpu::PrimitiveState {
-        topology: match key.topology {
+        topology: match topology {
             Topology::Points => wgpu::PrimitiveTopology::PointList,
             Topology::Lines => wgpu::PrimitiveTopology::LineList,
             Topology::Triangles => wgpu::PrimitiveTopology::TriangleList,
         },
-        front_face: if key.mirrored { wgpu::FrontFace::Cw } else { wgpu::FrontFace::Ccw },
-        cull_mode: match key.cull {
+        front_face: if mirrored { wgpu::FrontFace::Cw } else { wgpu::FrontFace::Ccw },
+        cull_mode: match cull {
             Cull::Nothing => None,
             Cull::Back => Some(wgpu::Face::Back),
             Cull::Front => Some(wgpu::Face::Front),
@@ -258,7 +262,7 @@ fn primitive_state(key: &PipelineKey) -> wgpu::PrimitiveState {
     }
 }
 
-fn vertex_attributes(layout: VertexLayout, interface: Interface) -> Vec<wgpu::VertexAttribute> {
+pub(crate) fn vertex_attributes(layout: VertexLayout, interface: Interface) -> Vec<wgpu::VertexAttribute> {
     let (two, three, four) = (
         wgpu::VertexFormat::Float32x2,
         wgpu::VertexFormat::Float32x3,
@@ -283,7 +287,7 @@ fn vertex_attributes(layout: VertexLayout, interface: Interface) -> Vec<wgpu::Ve
     .collect()
 }
 
-fn instance_attributes(interface: Interface) -> Vec<wgpu::VertexAttribute> {
+pub(crate) fn instance_attributes(interface: Interface) -> Vec<wgpu::VertexAttribute> {
     let attribute =
         |format, offset, shader_location| wgpu::VertexAttribute { format, offset, shader_location };
     let row = |i: u32| attribute(wgpu::VertexFormat::Float32x4, u64::from(i) * 16, 6 + i);

@@ -32,49 +32,77 @@ pub fn read_picture(gpu: &Gpu, picture: &OutputTexture) -> Result<Vec<u8>, ReadE
 
 /// The bytes of a picture, rows from the top, without padding.
 pub(crate) fn read_raw(gpu: &Gpu, picture: &OutputTexture) -> Result<Vec<u8>, ReadError> {
-    let [width, height] = picture.size();
-    let pixel_bytes = picture.texture().format().block_copy_size(None).unwrap_or(4);
-    let row_bytes = width as usize * pixel_bytes as usize;
-    let padded = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
-    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("readback/buffer"),
-        size: padded as u64 * u64::from(height),
-        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-        mapped_at_creation: false,
-    });
-    let mut encoder = gpu
-        .device
-        .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("readback") });
-    encoder.copy_texture_to_buffer(
-        picture.texture().as_image_copy(),
-        wgpu::TexelCopyBufferInfo {
-            buffer: &buffer,
-            layout: wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(padded as u32),
-                rows_per_image: None,
-            },
-        },
-        wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-    );
+    read_texture(gpu, picture.texture())
+}
+
+/// The bytes of a texture of one level, rows from the top, without padding.
+fn read_texture(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Vec<u8>, ReadError> {
+    let descriptor = wgpu::CommandEncoderDescriptor { label: Some("readback") };
+    let mut encoder = gpu.device.create_command_encoder(&descriptor);
+    let copy = TextureCopy::encode(gpu, &mut encoder, texture);
     gpu.queue.submit([encoder.finish()]);
-    let (sender, receiver) = std::sync::mpsc::sync_channel(1);
-    buffer.slice(..).map_async(wgpu::MapMode::Read, move |result| {
-        // The receiver is gone only when waiting failed, which is reported there.
-        let _ = sender.send(result);
-    });
-    let failed = |reason: &dyn std::fmt::Display| {
-        ReadError(gpu.take_error().unwrap_or_else(|| reason.to_string()))
-    };
-    gpu.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| failed(&error))?;
-    let mapped = receiver.recv().map_err(|error| failed(&error))?;
-    mapped.map_err(|error| failed(&error))?;
-    let view = buffer.get_mapped_range(..).map_err(|error| failed(&error))?;
-    let mut pixels = Vec::with_capacity(row_bytes * height as usize);
-    for row in view.chunks_exact(padded) {
-        pixels.extend_from_slice(&row[..row_bytes]);
+    copy.read(gpu)
+}
+
+/// A copy of a texture of one level that the processor can read, once the GPU has made it.
+#[derive(Debug)]
+pub(crate) struct TextureCopy {
+    buffer: wgpu::Buffer,
+    row_bytes: usize,
+    /// Bytes from one row to the next.
+    padded: usize,
+}
+
+impl TextureCopy {
+    /// Encodes the copy.
+    pub fn encode(
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        texture: &wgpu::Texture,
+    ) -> Self {
+        let (width, height) = (texture.width(), texture.height());
+        let pixel_bytes = texture.format().block_copy_size(None).unwrap_or(4);
+        let row_bytes = width as usize * pixel_bytes as usize;
+        let padded = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
+        let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("readback/buffer"),
+            size: padded as u64 * u64::from(height),
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        encoder.copy_texture_to_buffer(
+            texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer: &buffer,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(padded as u32),
+                    rows_per_image: None,
+                },
+            },
+            wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        );
+        Self { buffer, row_bytes, padded }
     }
-    Ok(pixels)
+
+    /// Waits for the copy, which was submitted; the bytes of its rows from the top, without
+    /// padding.
+    pub fn read(&self, gpu: &Gpu) -> Result<Vec<u8>, ReadError> {
+        let (sender, receiver) = std::sync::mpsc::sync_channel(1);
+        self.buffer.slice(..).map_async(wgpu::MapMode::Read, move |result| {
+            // The receiver is gone only when waiting failed, which is reported there.
+            let _ = sender.send(result);
+        });
+        let failed = |reason: &dyn std::fmt::Display| {
+            ReadError(gpu.take_error().unwrap_or_else(|| reason.to_string()))
+        };
+        gpu.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| failed(&error))?;
+        let mapped = receiver.recv().map_err(|error| failed(&error))?;
+        mapped.map_err(|error| failed(&error))?;
+        let view = self.buffer.get_mapped_range(..).map_err(|error| failed(&error))?;
+        let rows = view.chunks_exact(self.padded);
+        Ok(rows.flat_map(|row| row[..self.row_bytes].iter().copied()).collect())
+    }
 }
 
 /// RGB10A2 to RGBA8, each code to the nearest.

@@ -34,17 +34,21 @@ impl Interface {
         }
     }
 
-    /// Keeps the lines that have no mark `//? name`, or whose name holds.
     fn select(self, text: &str) -> String {
-        let keep = |line: &&str| match line.split_once("//? ") {
-            Some((_, mark)) => match mark.strip_prefix('!') {
-                Some(absent) => !self.has(absent),
-                None => self.has(mark),
-            },
-            None => true,
-        };
-        text.lines().filter(keep).flat_map(|line| [line, "\n"]).collect()
+        select(text, |name| self.has(name))
     }
+}
+
+/// Keeps the lines that have no mark `//? name`, or whose name holds; `!` negates.
+fn select(text: &str, holds: impl Fn(&str) -> bool) -> String {
+    let keep = |line: &&str| match line.split_once("//? ") {
+        Some((_, mark)) => match mark.strip_prefix('!') {
+            Some(absent) => !holds(absent),
+            None => holds(mark),
+        },
+        None => true,
+    };
+    text.lines().filter(keep).flat_map(|line| [line, "\n"]).collect()
 }
 
 /// A pass over the scene: `pass` holds its fragment stage.
@@ -55,4 +59,10 @@ pub(crate) fn surface(interface: Interface, pass: &str) -> String {
 /// A pass over the pixels of a picture.
 pub(crate) fn screen(pass: &str) -> String {
     [SCREEN, TONE, pass].concat()
+}
+
+/// A pass over the depth of a picture, of one sample or of several for each pixel.
+pub(crate) fn depth(pass: &str, is_multisampled: bool) -> String {
+    let pass = select(pass, |name| (name == "many") == is_multisampled);
+    [SCREEN, &pass].concat()
 }

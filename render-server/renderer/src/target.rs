@@ -1,5 +1,6 @@
 //! What a channel is drawn into.
 
+use super::frame::OcclusionMemory;
 use super::gpu::Gpu;
 use super::output_texture::{ImageEncoding, OutputTexture};
 
@@ -39,6 +40,7 @@ pub struct Target {
     /// Only with several samples per pixel.
     multisampled: Option<wgpu::TextureView>,
     depth: wgpu::TextureView,
+    pub(crate) occlusion: OcclusionMemory,
 }
 
 impl Target {
@@ -95,6 +97,7 @@ impl Target {
             multisampled: (samples > 1)
                 .then(|| view(&make("target/multisampled", scene_format, samples, drawn))),
             depth: view(&make("target/depth", DEPTH_FORMAT, samples, drawn)),
+            occlusion: OcclusionMemory::default(),
         })
     }
 

@@ -1,0 +1,156 @@
+//! Items that others hide, left out before the scene is drawn.
+//!
+//! Near, opaque items are drawn first, their depth only. What lies behind it everywhere is left out
+//! of the frame; what is drawn begins with this depth, so that no fragment behind it is shaded.
+//! Neither changes a pixel, and the order of what is drawn stays: so which items are occluders may
+//! depend on the frame before.
+
+use super::{DrawContext, FrameResources, check_records, wait};
+use crate::DrawError;
+use crate::draw_list::{DrawList, VisibleItems};
+use crate::gpu::Gpu;
+use crate::occlusion::{OcclusionCulling, OcclusionTest};
+use crate::occlusion_trial::OcclusionTrial;
+use crate::pass::occluder::{OccluderPass, OccluderTarget, may_occlude};
+use crate::scene::GpuScene;
+use crate::target::Target;
+use crate::view::ViewDesc;
+
+/// Items of a frame below which nothing is left out: one hides nothing but itself.
+const ITEMS_MIN: usize = 2;
+
+/// The least radius of an occluder, as a share of half of the picture's height: a smaller one hides
+/// less than it costs to draw twice.
+const OCCLUDER_RADIUS_MIN: f64 = 0.02;
+
+/// A view, with the items that it may show.
+pub(super) type ShownView<'a> = (&'a ViewDesc, VisibleItems);
+
+/// What a target keeps from frame to frame to find hidden items. No picture depends on it.
+#[derive(Debug, Default)]
+pub(crate) struct OcclusionMemory {
+    textures: Option<OccluderTarget>,
+    trial: OcclusionTrial,
+    /// By view, a bit for each item that was hidden in the last frame: those are no occluders.
+    hidden: Vec<Vec<u64>>,
+}
+
+impl OcclusionMemory {
+    /// Returns whether the next frame leaves out what is hidden.
+    pub(super) fn is_used(&self, when: OcclusionCulling) -> bool {
+        match when {
+            OcclusionCulling::Never => false,
+            OcclusionCulling::WhereFaster => self.trial.is_culling(),
+            OcclusionCulling::Always => true,
+        }
+    }
+
+    /// Takes the time of a frame, if it could have been drawn either way.
+    pub(super) fn record(&mut self, has_enough: bool, frame_us: u64) {
+        if has_enough {
+            self.trial.record(frame_us);
+        }
+    }
+
+    fn was_hidden(&self, view: usize, item: u32) -> bool {
+        let bits = self.hidden.get(view).and_then(|bits| bits.get(item as usize / 64));
+        bits.is_some_and(|bits| bits >> (item % 64) & 1 == 1)
+    }
+}
+
+/// Returns whether some items of a frame may hide others.
+pub(super) fn has_enough(shown: &[ShownView<'_>]) -> bool {
+    shown.iter().map(|(_, visible)| visible.items.len()).sum::<usize>() >= ITEMS_MIN
+}
+
+impl FrameResources {
+    /// Leaves out the items that others hide; returns their number, or `None` if there is no
+    /// occluder. Else [`encode_behind`] gives the scene's pass the depth to begin with.
+    ///
+    /// # Errors
+    /// More is shown than is held for one frame, or the GPU failed.
+    pub(super) fn leave_out_hidden(
+        &mut self,
+        gpu: &Gpu,
+        occluders: &OccluderPass,
+        scene: &GpuScene,
+        target: &mut Target,
+        shown: &mut [ShownView<'_>],
+    ) -> Result<Option<u32>, DrawError> {
+        self.records.clear();
+        let mut lists = Vec::with_capacity(shown.len());
+        for (index, (view, visible)) in shown.iter().enumerate() {
+            let mut items = visible.items.clone();
+            items.retain(|&item| {
+                !target.occlusion.was_hidden(index, item) && hides_much(scene, view, item)
+            });
+            let (scratch, records) = (&mut self.scratch, &mut self.records);
+            lists.push(DrawList::new(scene, view, (visible, &items), scratch, records));
+            check_records(gpu, records.len())
+                .map_err(|reason| DrawError::View { index, reason })?;
+        }
+        if lists.iter().all(|list| list.opaque.is_empty()) {
+            return Ok(None);
+        }
+        let size = target.size();
+        let textures =
+            target.occlusion.textures.get_or_insert_with(|| occluders.target(gpu, size));
+        let views = shown.iter().map(|(view, _)| *view).collect();
+        let pipelines = occluders.pipelines(&scene.layout.keys);
+        let context = DrawContext {
+            has_materials: false,
+            ..self.context(gpu, pipelines, scene, views, &lists)
+        };
+        let descriptor = wgpu::CommandEncoderDescriptor { label: Some("occluders") };
+        let mut encoder = gpu.device.create_command_encoder(&descriptor);
+        occluders.encode_depth(&mut encoder, textures, &context);
+        occluders.encode_farthest(&mut encoder, textures);
+        let copy = textures.encode_read(gpu, &mut encoder);
+        wait(gpu, gpu.queue.submit([encoder.finish()]))?;
+        let depths =
+            textures.read(gpu, &copy).map_err(|error| DrawError::Gpu(error.to_string()))?;
+        let mut count = 0;
+        target.occlusion.hidden.resize(shown.len(), Vec::new());
+        for ((view, visible), bits) in shown.iter_mut().zip(&mut target.occlusion.hidden) {
+            let test = OcclusionTest::new(view, visible.rectangle, &depths);
+            bits.clear();
+            bits.resize(scene.layout.items.len().div_ceil(64), 0);
+            visible.items.retain(|&item| {
+                let is_hidden = test.hides(scene.item(item).2);
+                bits[item as usize / 64] |= u64::from(is_hidden) << (item % 64);
+                count += u32::from(is_hidden);
+                !is_hidden
+            });
+        }
+        Ok(Some(count))
+    }
+}
+
+/// Encodes the depth that the scene's pass begins with, after [`FrameResources::leave_out_hidden`].
+pub(super) fn encode_behind(
+    encoder: &mut wgpu::CommandEncoder,
+    occluders: &OccluderPass,
+    target: &Target,
+) {
+    if let Some(textures) = &target.occlusion.textures {
+        occluders.encode_behind(encoder, textures, target.depth());
+    }
+}
+
+/// Returns whether an item is solid, and large enough in the picture to hide others.
+fn hides_much(scene: &GpuScene, view: &ViewDesc, index: u32) -> bool {
+    let (item, _, bounds) = scene.item(index);
+    let batch = &scene.layout.batches[item.batch as usize];
+    if !may_occlude(&scene.layout.keys[batch.pipeline as usize]) {
+        return false;
+    }
+    // Clip space from lengths in the world, where w is 1.
+    let scale = view.view_from_world.row(2).length() * view.clip_from_view.y_axis.y.abs();
+    let radius = bounds.half().length() * scale;
+    let w = if view.is_parallel() {
+        1.0
+    } else {
+        bounds.center().distance(view.eye_in_world) * view.view_from_world.row(2).length()
+    };
+    radius >= OCCLUDER_RADIUS_MIN * w
+}

@@ -1,0 +1,168 @@
+//! Cost of frames with and without occlusion culling along a walk through a scene, in one run.
+//!
+//! `cargo bench --bench occlusion_cost -- SCENE.glb X,Y,Z X,Y,Z [STORE]`: the camera goes from the
+//! first point to the second and looks ahead. Frames are drawn with and without in turn, so that a
+//! machine whose speed drifts favours neither, and their pictures are compared. `STORE` is a folder
+//! that keeps the baked scene for the next run.
+
+use std::error::Error;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use glam::{DMat3, DMat4, DVec3, DVec4};
+use polyptych_baker::{self, BakeCache};
+use polyptych_files::blob::BlobHash;
+use polyptych_renderer::{
+    AllowedError, DrawStats, Gpu, GpuScene, OcclusionCulling, Renderer, SceneBuilder, Target, ViewDesc, read_pixels,
+};
+use polyptych_scene::SceneSubset;
+
+const SIZE: [u32; 2] = [1920, 1080];
+const FRAMES: usize = 24;
+/// Frames that fill caches.
+const WARM_UP: usize = 3;
+const NEAR_M: f64 = 0.05;
+
+type Failure = Box<dyn Error>;
+
+fn main() -> Result<(), Failure> {
+    let given: Vec<_> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
+    let (Some(scene), Some(from), Some(to)) = (given.first(), given.get(1), given.get(2)) else {
+        return Err("cargo bench --bench occlusion_cost -- SCENE.glb X,Y,Z X,Y,Z [STORE]".into());
+    };
+    let gpu = Gpu::headless()?;
+    println!("{}", gpu.info().name);
+    let scene = open(&gpu, Path::new(scene), given.get(3).map(Path::new))?;
+    walk(&gpu, &scene, point(from)?, point(to)?)
+}
+
+fn point(text: &str) -> Result<DVec3, Failure> {
+    let numbers: Vec<f64> = text.split(',').map(str::parse).collect::<Result<_, _>>()?;
+    let [x, y, z] = numbers[..] else { return Err(format!("{text}: give X,Y,Z").into()) };
+    Ok(DVec3::new(x, y, z))
+}
+
+fn look(eye: DVec3, at: DVec3) -> ViewDesc {
+    let z = (eye - at).normalize();
+    let x = DVec3::Y.cross(z).normalize_or(DVec3::X);
+    let f = 1.0 / 22.5f64.to_radians().tan();
+    let [width, height] = SIZE.map(f64::from);
+    ViewDesc {
+        eye_in_world: eye,
+        middle_eye_in_world: eye,
+        view_from_world: DMat3::from_cols(x, z.cross(x), z).transpose(),
+        clip_from_view: DMat4::from_cols(
+            DVec4::X * f * height / width,
+            DVec4::Y * f,
+            -DVec4::W,
+            DVec4::Z * NEAR_M,
+        ),
+        viewport: [0.0, 0.0, width, height],
+        scissor: None,
+        exposure: 1.0,
+        subset: SceneSubset::default(),
+        allowed_error: AllowedError::NONE,
+    }
+}
+
+/// Processor time of this process so far, in milliseconds.
+fn cpu_ms() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let fields: Vec<&str> = text.rsplit(')').next().unwrap_or("").split_whitespace().collect();
+    let ticks = |at: usize| fields.get(at).and_then(|t| t.parse::<f64>().ok()).unwrap_or(0.0);
+    (ticks(11) + ticks(12)) * 10.0
+}
+
+fn walk(gpu: &Gpu, scene: &GpuScene, from: DVec3, to: DVec3) -> Result<(), Failure> {
+    let mut runs = Vec::new();
+    for name in ["without", "with"] {
+        let mut renderer = Renderer::new(gpu, 1)?;
+        renderer.set_occlusion(if name == "with" { OcclusionCulling::Always } else { OcclusionCulling::Never });
+        renderer.prepare(gpu, scene);
+        let target = Target::new(gpu, SIZE, 1, scene.has_transparency())?;
+        runs.push((name, renderer, target, Vec::new(), 0.0));
+    }
+    let mut different = 0;
+    for frame in 0..FRAMES + WARM_UP {
+        let share = frame as f64 / (FRAMES + WARM_UP) as f64;
+        let eye = from.lerp(to, share);
+        let view = look(eye, eye + (to - from));
+        let mut pictures = Vec::new();
+        for (_, renderer, target, frames, cpu) in &mut runs {
+            let before = cpu_ms();
+            let stats = renderer.draw(gpu, scene, target, std::slice::from_ref(&view))?;
+            if std::env::var_os("EACH").is_some() {
+                println!("{stats:?}");
+            }
+            if frame >= WARM_UP {
+                *cpu += cpu_ms() - before;
+            }
+            frames.push(stats);
+            pictures.push(read_pixels(gpu, target)?);
+        }
+        different += usize::from(pictures[0] != pictures[1]);
+    }
+    for (name, _, target, frames, cpu) in &mut runs {
+        println!("{name}: {:.1} ms of processor time a frame", *cpu / FRAMES as f64);
+        frames.drain(..WARM_UP);
+        say(name, frames);
+        if let Some(folder) = std::env::var_os("PICTURES") {
+            let [width, height] = SIZE;
+            let pixels = read_pixels(gpu, target)?;
+            let path = Path::new(&folder).join(format!("{name}.png"));
+            image::save_buffer(path, &pixels, width, height, image::ColorType::Rgba8)?;
+        }
+    }
+    let total = |run: usize| median(&runs[run].3, whole) as f64;
+    println!("{:.2} times as fast; {different} pictures differ", total(0) / total(1));
+    Ok(())
+}
+
+fn whole(stats: &DrawStats) -> u64 {
+    stats.occlusion_us + stats.cull_us + stats.encode_us + stats.gpu_us
+}
+
+fn median(frames: &[DrawStats], of: fn(&DrawStats) -> u64) -> u64 {
+    let mut numbers: Vec<u64> = frames.iter().map(of).collect();
+    numbers.sort_unstable();
+    numbers[numbers.len() / 2]
+}
+
+fn say(name: &str, frames: &[DrawStats]) {
+    let ms = |of: fn(&DrawStats) -> u64| median(frames, of) as f64 / 1e3;
+    println!(
+        "{name:>8}: occlusion {:6.2} ms, cull {:6.2}, encode {:6.2}, GPU {:7.2}, frame {:7.2}; {:8} triangles, \
+         {:5} draws, {:5} items",
+        ms(|stats| stats.occlusion_us),
+        ms(|stats| stats.cull_us),
+        ms(|stats| stats.encode_us),
+        ms(|stats| stats.gpu_us),
+        ms(whole),
+        median(frames, |stats| stats.triangles),
+        median(frames, |stats| u64::from(stats.draw_calls)),
+        median(frames, |stats| u64::from(stats.visible)),
+    );
+}
+
+/// A scene on the GPU.
+fn open(gpu: &Gpu, path: &Path, kept: Option<&Path>) -> Result<GpuScene, Failure> {
+    let folder = tempfile::tempdir()?;
+    let store = BakeCache::open(kept.unwrap_or(folder.path()))?;
+    let baked = polyptych_baker::bake(path, &store, &mut |_| {}, &AtomicBool::new(false))?;
+    let blobs = store.blobs();
+    let read = |hash: BlobHash| {
+        let bytes = blobs.read(hash)?;
+        bytes.ok_or_else(|| Failure::from(format!("blob {hash} is missing")))
+    };
+    let manifest = polyptych_scene::decode(&read(baked.manifest)?)?;
+    let mut builder = SceneBuilder::new(gpu, manifest.clone())?;
+    for (index, texture) in manifest.textures.iter().enumerate() {
+        builder.upload_texture(gpu, index, &read(texture.blob)?)?;
+    }
+    for (mesh, of_mesh) in manifest.meshes.iter().enumerate() {
+        for (primitive, of_primitive) in of_mesh.primitives.iter().enumerate() {
+            builder.upload_primitive(gpu, mesh, primitive, &read(of_primitive.blob)?)?;
+        }
+    }
+    Ok(builder.finish(gpu)?)
+}
