@@ -13,7 +13,8 @@ use glam::{DMat3, DMat4, DVec3, DVec4};
 use polyptych_baker::{self, BakeCache};
 use polyptych_files::blob::BlobHash;
 use polyptych_renderer::{
-    AllowedError, DrawStats, Gpu, GpuScene, OcclusionCulling, Renderer, SceneBuilder, Target, ViewDesc, read_pixels,
+    AllowedError, DrawStats, Gpu, GpuScene, OcclusionCulling, Renderer, SceneBuilder, Target,
+    ViewDesc, read_pixels,
 };
 use polyptych_scene::SceneSubset;
 
@@ -77,7 +78,11 @@ fn walk(gpu: &Gpu, scene: &GpuScene, from: DVec3, to: DVec3) -> Result<(), Failu
     let mut runs = Vec::new();
     for name in ["without", "with"] {
         let mut renderer = Renderer::new(gpu, 1)?;
-        renderer.set_occlusion(if name == "with" { OcclusionCulling::Always } else { OcclusionCulling::Never });
+        renderer.set_occlusion(if name == "with" {
+            OcclusionCulling::Always
+        } else {
+            OcclusionCulling::Never
+        });
         renderer.prepare(gpu, scene);
         let target = Target::new(gpu, SIZE, 1, scene.has_transparency())?;
         runs.push((name, renderer, target, Vec::new(), 0.0));

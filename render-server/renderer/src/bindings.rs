@@ -81,20 +81,19 @@ pub(crate) fn picture_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
     })
 }
 
-/// Group 1 of the passes that read depth, of one sample or of several for each pixel.
+/// Group 1 of the passes that read depth: of one sample for each pixel, with a sampler, or of
+/// several.
 pub(crate) fn depth_layout(device: &wgpu::Device, multisampled: bool) -> wgpu::BindGroupLayout {
+    let (view_dimension, visibility) =
+        (wgpu::TextureViewDimension::D2, wgpu::ShaderStages::FRAGMENT);
+    let sample_type = wgpu::TextureSampleType::Depth;
+    let depth = wgpu::BindingType::Texture { sample_type, view_dimension, multisampled };
+    let texels = wgpu::BindingType::Sampler(wgpu::SamplerBindingType::NonFiltering);
+    let entry = |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None };
+    let entries = [entry(0, depth), entry(1, texels)];
     device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: Some("depth/layout"),
-        entries: &[wgpu::BindGroupLayoutEntry {
-            binding: 0,
-            visibility: wgpu::ShaderStages::FRAGMENT,
-            ty: wgpu::BindingType::Texture {
-                sample_type: wgpu::TextureSampleType::Depth,
-                view_dimension: wgpu::TextureViewDimension::D2,
-                multisampled,
-            },
-            count: None,
-        }],
+        entries: if multisampled { &entries[..1] } else { &entries },
     })
 }
 

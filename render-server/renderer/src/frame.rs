@@ -11,9 +11,9 @@ use polyptych_scene::SceneSubset;
 use super::bindings::uniform_stride;
 use super::draw_list::{Draw, DrawList, Scratch, VisibleItems, samples_of};
 use super::gpu::{Gpu, GpuFaultKind};
-use super::pass::tonemap::{Tonemap, light_color};
 use super::occlusion::OcclusionCulling;
 use super::pass::occluder::OccluderPass;
+use super::pass::tonemap::{Tonemap, light_color};
 use super::pass::{opaque, transparent};
 use super::pipeline::{InstanceRecord, Pipelines};
 use super::scene::GpuScene;
@@ -142,13 +142,11 @@ impl FrameResources {
         }
         let found = start.elapsed();
         let has_enough = has_enough(&shown);
-        let occluders = occluders
-            .filter(|(_, when)| has_enough && target.occlusion.is_used(*when));
-        let (mut occluded, mut behind) = (0, None);
-        if let Some((occluders, _)) = occluders
-            && let Some(count) = self.leave_out_hidden(gpu, occluders, scene, target, &mut shown)?
-        {
-            (occluded, behind) = (count, Some(occluders));
+        let occluders = occluders.filter(|(_, when)| has_enough && target.occlusion.is_used(*when));
+        let mut hidden = None;
+        if let Some((occluders, _)) = occluders {
+            let found = self.leave_out_hidden(gpu, occluders, scene, target, &mut shown)?;
+            hidden = found.map(|hidden| (occluders, hidden));
         }
         let searched = start.elapsed();
         let lists = self.lists(gpu, scene, &shown)?;
@@ -165,12 +163,12 @@ impl FrameResources {
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
-        if let Some(occluders) = behind {
-            encode_behind(&mut encoder, occluders, target);
+        if let Some((occluders, hidden)) = hidden {
+            encode_behind(&mut encoder, occluders, target, hidden);
         }
         {
             let clear_scene = if scene.layout.blends { light_color(sky) } else { clear_display };
-            let mut pass = begin(&mut encoder, target, clear_scene, behind.is_some());
+            let mut pass = begin(&mut encoder, target, clear_scene, hidden.is_some());
             opaque::encode(&mut pass, &context);
             transparent::encode(&mut pass, &context);
         }
@@ -183,6 +181,7 @@ impl FrameResources {
         let frame = start.elapsed();
         let us = |duration: Duration| duration.as_micros() as u64;
         target.occlusion.record(has_enough, us(frame));
+        let occluded = hidden.map_or(0, |(_, hidden)| hidden.count);
         let visible: u32 = lists.iter().map(|list| list.visible).sum();
         Ok(DrawStats {
             triangles: lists.iter().map(|list| list.triangles).sum(),

@@ -141,3 +141,36 @@ impl<'a> OcclusionTest<'a> {
         Some((span, nearest))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn rectangle_is_never_nearer_than_its_farthest_cell(
+            size in [1usize..70, 1usize..50],
+            corners in prop::array::uniform4(0.0..1.0f64),
+            seed: u32,
+        ) {
+            let depth = |at: usize| {
+                // A few holes in a picture of any depths.
+                let mixed = (at as u32 ^ seed).wrapping_mul(0x9e37_79b9) >> 8;
+                if mixed.is_multiple_of(97) { 0.0 } else { mixed as f32 / (1 << 24) as f32 }
+            };
+            let depths = CellDepths::new(size, (0..size[0] * size[1]).map(depth).collect());
+            let at = |share: f64, axis: usize| (share * size[axis] as f64) as usize;
+            let [x0, x1] = [at(corners[0].min(corners[1]), 0), at(corners[0].max(corners[1]), 0)];
+            let [y0, y1] = [at(corners[2].min(corners[3]), 1), at(corners[2].max(corners[3]), 1)];
+            let found = depths.farthest([x0, y0], [x1, y1]);
+            let cells = (y0..=y1).flat_map(|y| (x0..=x1).map(move |x| (x, y)));
+            let exact = cells.map(|(x, y)| depth(y * size[0] + x)).fold(f32::INFINITY, f32::min);
+            prop_assert!(found <= exact);
+            if x1 - x0 < CELLS_ACROSS_MAX && y1 - y0 < CELLS_ACROSS_MAX {
+                prop_assert_eq!(found, exact, "each cell of a small rectangle is looked at");
+            }
+        }
+    }
+}

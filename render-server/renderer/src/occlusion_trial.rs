@@ -94,3 +94,37 @@ impl OcclusionTrial {
         self.until_trial = self.period;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Draws frames that take so long with and without; returns how many were drawn with.
+    fn run(trial: &mut OcclusionTrial, frames: u32, with_us: u64, without_us: u64) -> u32 {
+        let mut drawn = 0;
+        for _ in 0..frames {
+            let is_culling = trial.is_culling();
+            drawn += u32::from(is_culling);
+            trial.record(if is_culling { with_us } else { without_us });
+        }
+        drawn
+    }
+
+    #[test]
+    fn keeps_the_faster_way_and_tries_the_other_rarely() {
+        let mut trial = OcclusionTrial::default();
+        assert!(run(&mut trial, 1000, 10_000, 25_000) > 980);
+        let mut trial = OcclusionTrial::default();
+        assert!(run(&mut trial, 1000, 25_000, 10_000) < 25);
+        let mut trial = OcclusionTrial::default();
+        assert!(run(&mut trial, 1000, 10_000, 9_900) > 980, "a difference that is noise");
+    }
+
+    #[test]
+    fn follows_a_view_that_changes() {
+        let mut trial = OcclusionTrial::default();
+        run(&mut trial, 600, 25_000, 10_000);
+        assert!(run(&mut trial, 100, 20_000, 60_000) > 80, "a street after an overview");
+        assert!(run(&mut trial, 100, 90_000, 60_000) < 20, "and an overview again");
+    }
+}

@@ -262,7 +262,10 @@ pub(crate) fn primitive_state(
     }
 }
 
-pub(crate) fn vertex_attributes(layout: VertexLayout, interface: Interface) -> Vec<wgpu::VertexAttribute> {
+pub(crate) fn vertex_attributes(
+    layout: VertexLayout,
+    interface: Interface,
+) -> Vec<wgpu::VertexAttribute> {
     let (two, three, four) = (
         wgpu::VertexFormat::Float32x2,
         wgpu::VertexFormat::Float32x3,

@@ -55,11 +55,7 @@ pub(crate) struct TextureCopy {
 
 impl TextureCopy {
     /// Encodes the copy.
-    pub fn encode(
-        gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        texture: &wgpu::Texture,
-    ) -> Self {
+    pub fn encode(gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, texture: &wgpu::Texture) -> Self {
         let (width, height) = (texture.width(), texture.height());
         let pixel_bytes = texture.format().block_copy_size(None).unwrap_or(4);
         let row_bytes = width as usize * pixel_bytes as usize;

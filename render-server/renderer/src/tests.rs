@@ -8,6 +8,7 @@ mod labels;
 mod level_choice;
 mod levels;
 mod moved;
+mod occlusion;
 mod order;
 mod parallel;
 mod robustness;

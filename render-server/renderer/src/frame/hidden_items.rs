@@ -5,7 +5,7 @@
 //! Neither changes a pixel, and the order of what is drawn stays: so which items are occluders may
 //! depend on the frame before.
 
-use super::{DrawContext, FrameResources, check_records, wait};
+use super::{DrawContext, FrameResources, around, check_records, wait};
 use crate::DrawError;
 use crate::draw_list::{DrawList, VisibleItems};
 use crate::gpu::Gpu;
@@ -25,6 +25,14 @@ const OCCLUDER_RADIUS_MIN: f64 = 0.02;
 
 /// A view, with the items that it may show.
 pub(super) type ShownView<'a> = (&'a ViewDesc, VisibleItems);
+
+/// What was found to be hidden in a frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct HiddenItems {
+    pub count: u32,
+    /// Pixels that occluders may touch: x, y, width, height.
+    touched: [u32; 4],
+}
 
 /// What a target keeps from frame to frame to find hidden items. No picture depends on it.
 #[derive(Debug, Default)]
@@ -64,8 +72,8 @@ pub(super) fn has_enough(shown: &[ShownView<'_>]) -> bool {
 }
 
 impl FrameResources {
-    /// Leaves out the items that others hide; returns their number, or `None` if there is no
-    /// occluder. Else [`encode_behind`] gives the scene's pass the depth to begin with.
+    /// Leaves out the items that others hide; `None` if there is no occluder. Else
+    /// [`encode_behind`] gives the scene's pass the depth to begin with.
     ///
     /// # Errors
     /// More is shown than is held for one frame, or the GPU failed.
@@ -76,7 +84,7 @@ impl FrameResources {
         scene: &GpuScene,
         target: &mut Target,
         shown: &mut [ShownView<'_>],
-    ) -> Result<Option<u32>, DrawError> {
+    ) -> Result<Option<HiddenItems>, DrawError> {
         self.records.clear();
         let mut lists = Vec::with_capacity(shown.len());
         for (index, (view, visible)) in shown.iter().enumerate() {
@@ -89,12 +97,11 @@ impl FrameResources {
             check_records(gpu, records.len())
                 .map_err(|reason| DrawError::View { index, reason })?;
         }
-        if lists.iter().all(|list| list.opaque.is_empty()) {
+        let Some(touched) = lists.iter().filter_map(|list| list.touched).reduce(around) else {
             return Ok(None);
-        }
+        };
         let size = target.size();
-        let textures =
-            target.occlusion.textures.get_or_insert_with(|| occluders.target(gpu, size));
+        let textures = target.occlusion.textures.get_or_insert_with(|| occluders.target(gpu, size));
         let views = shown.iter().map(|(view, _)| *view).collect();
         let pipelines = occluders.pipelines(&scene.layout.keys);
         let context = DrawContext {
@@ -104,7 +111,7 @@ impl FrameResources {
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("occluders") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
         occluders.encode_depth(&mut encoder, textures, &context);
-        occluders.encode_farthest(&mut encoder, textures);
+        occluders.encode_farthest(&mut encoder, textures, touched);
         let copy = textures.encode_read(gpu, &mut encoder);
         wait(gpu, gpu.queue.submit([encoder.finish()]))?;
         let depths =
@@ -122,7 +129,7 @@ impl FrameResources {
                 !is_hidden
             });
         }
-        Ok(Some(count))
+        Ok(Some(HiddenItems { count, touched }))
     }
 }
 
@@ -131,9 +138,10 @@ pub(super) fn encode_behind(
     encoder: &mut wgpu::CommandEncoder,
     occluders: &OccluderPass,
     target: &Target,
+    hidden: HiddenItems,
 ) {
     if let Some(textures) = &target.occlusion.textures {
-        occluders.encode_behind(encoder, textures, target.depth());
+        occluders.encode_behind(encoder, textures, target.depth(), hidden.touched);
     }
 }
 

@@ -69,6 +69,7 @@ pub(crate) struct OccluderPass {
     behind: wgpu::RenderPipeline,
     farthest: wgpu::RenderPipeline,
     group_layout: wgpu::BindGroupLayout,
+    texels: wgpu::Sampler,
 }
 
 impl OccluderPass {
@@ -103,6 +104,10 @@ impl OccluderPass {
             behind: onto("behind"),
             farthest: onto("farthest"),
             group_layout,
+            texels: device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("occluder/texels"),
+                ..Default::default()
+            }),
         })
     }
 
@@ -171,18 +176,19 @@ impl OccluderPass {
             })
         };
         let read = wgpu::TextureUsages::TEXTURE_BINDING;
-        let depth =
-            texture("occluder/depth", [width, height], self.samples, DEPTH_FORMAT, read);
+        let depth = texture("occluder/depth", [width, height], self.samples, DEPTH_FORMAT, read);
         let depth = depth.create_view(&wgpu::TextureViewDescriptor::default());
         let cells = [width, height].map(|side| side.div_ceil(CELL_SIDE));
         let copied = wgpu::TextureUsages::COPY_SRC;
+        let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
+        let entries = [
+            entry(0, wgpu::BindingResource::TextureView(&depth)),
+            entry(1, wgpu::BindingResource::Sampler(&self.texels)),
+        ];
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("occluder/group"),
             layout: &self.group_layout,
-            entries: &[wgpu::BindGroupEntry {
-                binding: 0,
-                resource: wgpu::BindingResource::TextureView(&depth),
-            }],
+            entries: if self.samples > 1 { &entries[..1] } else { &entries },
         });
         let farthest = texture("occluder/farthest", cells, 1, CELL_FORMAT, copied);
         OccluderTarget { depth, group, farthest }
@@ -201,8 +207,14 @@ impl OccluderPass {
         }
     }
 
-    /// Encodes the farthest depth of each cell.
-    pub fn encode_farthest(&self, encoder: &mut wgpu::CommandEncoder, of: &OccluderTarget) {
+    /// Encodes the farthest depth of each cell,
+    /// within pixels x, y, width, height; of others 0.
+    pub fn encode_farthest(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        of: &OccluderTarget,
+        [x, y, width, height]: [u32; 4],
+    ) {
         let view = of.farthest.create_view(&wgpu::TextureViewDescriptor::default());
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("occluder/farthest"),
@@ -219,19 +231,25 @@ impl OccluderPass {
         });
         pass.set_pipeline(&self.farthest);
         pass.set_bind_group(1, &of.group, &[]);
+        let [left, top] = [x, y].map(|at| at / CELL_SIDE);
+        let [right, bottom] = [x + width, y + height].map(|end| end.div_ceil(CELL_SIDE));
+        pass.set_scissor_rect(left, top, right - left, bottom - top);
         pass.draw(0..3, 0..1);
     }
 
-    /// Encodes the depth that the scene's pass begins with.
+    /// Encodes the depth that the scene's pass begins with, within pixels x, y, width, height; of
+    /// others none.
     pub fn encode_behind(
         &self,
         encoder: &mut wgpu::CommandEncoder,
         of: &OccluderTarget,
         depth: &wgpu::TextureView,
+        [x, y, width, height]: [u32; 4],
     ) {
         let mut pass = begin(encoder, "occluder/behind", depth);
         pass.set_pipeline(&self.behind);
         pass.set_bind_group(1, &of.group, &[]);
+        pass.set_scissor_rect(x, y, width, height);
         pass.draw(0..3, 0..1);
     }
 }

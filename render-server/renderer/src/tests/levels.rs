@@ -10,7 +10,7 @@ use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, drawn, look, matt,
 };
 use super::terrain::Terrain;
-use crate::draw_list::{Draw, DrawList, Scratch};
+use crate::draw_list::{Draw, DrawList, Scratch, VisibleItems};
 use crate::{AllowedError, DrawStats, GpuScene, ViewDesc};
 
 const SIZE: [u32; 2] = [192, 128];
@@ -201,7 +201,8 @@ fn no_gap_opens_between_levels() {
 
 fn list(scene: &GpuScene, view: &ViewDesc) -> DrawList {
     let (mut scratch, mut records) = (Scratch::default(), Vec::new());
-    DrawList::new(scene, view, [0, 0, SIZE[0], SIZE[1]], &mut scratch, &mut records)
+    let visible = VisibleItems::new(scene, view, [0, 0, SIZE[0], SIZE[1]]);
+    DrawList::new(scene, view, (&visible, &visible.items), &mut scratch, &mut records)
 }
 
 #[test]

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 
 use super::harness::{MeshFixture, SceneFixture, differences, draw, gpu, look};
 use super::terrain::Terrain;
-use crate::draw_list::{DrawList, Scratch};
+use crate::draw_list::{DrawList, Scratch, VisibleItems};
 use crate::{AllowedError, GpuScene, MovedItems, MovedNode, ViewDesc};
 
 const SIZE: [u32; 2] = [96, 64];
@@ -96,7 +96,9 @@ fn expect_same_draws(a: &GpuScene, b: &GpuScene, view: &ViewDesc) {
     let listed = |scene: &GpuScene| {
         let (mut scratch, mut records) = (Scratch::default(), Vec::new());
         let whole = [0, 0, SIZE[0], SIZE[1]];
-        let list = DrawList::new(scene, view, whole, &mut scratch, &mut records);
+        let visible = VisibleItems::new(scene, view, whole);
+        let shown = (&visible, &visible.items[..]);
+        let list = DrawList::new(scene, view, shown, &mut scratch, &mut records);
         let counts: Vec<u32> = records.iter().map(|record| record.lamps[1]).collect();
         for record in &mut records {
             record.lamps = [0; 2];

@@ -6,9 +6,9 @@ use polyptych_scene::VertexLayout;
 use wgpu::naga;
 
 use crate::pass::correct::{CellRecord, CorrectionUniform, EyeRecord, PlaneRecord};
-use crate::pass::{opaque, transparent};
+use crate::pass::{occluder, opaque, transparent};
 use crate::scene::MaterialUniform;
-use crate::shader::{Interface, screen, surface};
+use crate::shader::{Interface, depth, screen, surface};
 use crate::view::{DirectionalLightRecord, FrameUniform, LocalLightRecord};
 
 fn module(name: &str, text: &str) -> naga::Module {
@@ -16,7 +16,7 @@ fn module(name: &str, text: &str) -> naga::Module {
         .unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(text)));
     let mut validator = naga::valid::Validator::new(
         naga::valid::ValidationFlags::all(),
-        naga::valid::Capabilities::default(),
+        naga::valid::Capabilities::default() | naga::valid::Capabilities::MULTISAMPLED_SHADING,
     );
     if let Err(error) = validator.validate(&module) {
         panic!("{name}: {}", error.emit_to_string(text));
@@ -37,10 +37,16 @@ fn every_shader_validates() {
     for interface in interfaces() {
         module("opaque", &surface(interface, opaque::SOURCE));
         module("transparent", &surface(interface, transparent::SOURCE));
+        module("occluder/vertices", &surface(interface, ""));
     }
     module("tonemap", &screen(include_str!("../pass/tonemap.wgsl")));
     module("output", &screen(include_str!("../pass/output.wgsl")));
     module("correct", include_str!("../pass/correct.wgsl"));
+    for is_multisampled in [false, true] {
+        let text = depth(occluder::SOURCE, is_multisampled);
+        module("occluder", &text);
+        assert!(text.contains(&format!("CELL_SIDE: u32 = {}u;", occluder::CELL_SIDE)));
+    }
 }
 
 #[test]
