@@ -275,6 +275,8 @@ pub struct Statistics {
     pub triangles: u64,
     /// Of the last frame, over all channels.
     pub draw_calls: u64,
+    /// The sum of those of all channels.
+    pub draws_occluded: u64,
     /// The error bound that is asked for, in pixels of the wall.
     pub error_bound_px: f64,
     /// The error bounds in force, in pixels of the wall.
@@ -324,6 +326,9 @@ pub struct ChannelStatistics {
     pub triangles: u64,
     /// Of its last frame.
     pub draw_calls: u64,
+    /// The most primitives in their places that it left out of a frame because others hide them. It
+    /// does so where that makes frames faster, which it tries now and then.
+    pub draws_occluded: u64,
     /// What its server draws with.
     #[serde(deserialize_with = "text_of_peer")]
     pub adapter: Option<String>,

@@ -100,6 +100,8 @@ pub struct FrameRendered {
     /// The largest error of what was drawn or left out, as a fraction of the bound in force: 0 to
     /// 1.
     pub error_fraction: f32,
+    /// Primitives in their places that were left out because others hide them.
+    pub draws_occluded: u32,
 }
 
 /// A channel has shown a frame.

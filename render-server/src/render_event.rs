@@ -44,6 +44,7 @@ pub(crate) fn drawn(
         triangles: stats.triangles,
         draw_calls: stats.draw_calls,
         error_fraction: stats.error_share,
+        draws_occluded: stats.occluded,
     }))
 }
 

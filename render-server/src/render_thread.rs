@@ -18,7 +18,7 @@ use patterns::PatternImage;
 use polyptych_protocol::command::{Frame, Swap};
 use polyptych_protocol::ids::{Epoch, Revision};
 use polyptych_renderer::{
-    DrawStats, Gpu, GpuScene, MovedItems, Renderer, SceneBuilder, SceneLayout,
+    DrawStats, Gpu, GpuScene, MovedItems, OcclusionCulling, Renderer, SceneBuilder, SceneLayout,
 };
 use polyptych_wall::{ChannelId, Wall};
 use recovery::Losses;
@@ -91,6 +91,24 @@ pub(crate) struct Queues {
     pub monitor_names: Option<SendMonitorNames>,
 }
 
+/// The way in which a server draws and shows.
+pub(crate) struct DrawOptions {
+    pub present_delay: Duration,
+    pub slowness: DrawDelay,
+    /// See [`crate::ServerOptions::culls_occluded`].
+    pub culls_occluded: bool,
+}
+
+impl DrawOptions {
+    fn renderer(&self, gpu: &Gpu, samples: u32) -> Result<Renderer, String> {
+        let mut renderer = Renderer::new(gpu, samples).map_err(|error| error.to_string())?;
+        if !self.culls_occluded {
+            renderer.set_occlusion(OcclusionCulling::Never);
+        }
+        Ok(renderer)
+    }
+}
+
 /// Sends the window system's thread the names of monitors, by channel.
 pub(crate) type SendMonitorNames = Box<dyn Fn(BTreeMap<String, String>) + Send>;
 
@@ -111,7 +129,7 @@ pub(crate) struct RenderThread {
     outputs: Vec<ChannelOutput>,
     queues: Queues,
     clock: Arc<Clock>,
-    slowness: DrawDelay,
+    drawing: DrawOptions,
     playback: FrameScheduler,
     /// Oldest first; the last one was finished last.
     states: VecDeque<ReadyState>,
@@ -124,7 +142,6 @@ pub(crate) struct RenderThread {
     identity: ServerInfo,
     /// The names of monitors that the window system's thread was told last.
     names_sent: Option<BTreeMap<String, String>>,
-    present_delay: Duration,
     losses: Losses,
     is_stopping: bool,
 }
@@ -136,17 +153,16 @@ impl RenderThread {
         queues: Queues,
         clock: Arc<Clock>,
         identity: ServerInfo,
-        present_delay: Duration,
-        slowness: DrawDelay,
+        drawing: DrawOptions,
     ) -> Result<Self, String> {
-        let renderer = Renderer::new(&gpu, 1).map_err(|error| error.to_string())?;
+        let renderer = drawing.renderer(&gpu, 1)?;
         Ok(Self {
             gpu,
             renderer,
             outputs,
             queues,
             clock,
-            slowness,
+            drawing,
             playback: FrameScheduler::default(),
             states: VecDeque::new(),
             building: None,
@@ -155,7 +171,6 @@ impl RenderThread {
             patterns: BTreeMap::new(),
             identity,
             names_sent: None,
-            present_delay,
             losses: Losses::default(),
             is_stopping: false,
         })
@@ -297,7 +312,7 @@ impl RenderThread {
             let Some(wall) = state.replica.wall.as_deref() else { return };
             let Some((id, _)) = wall.channel_by_name(&self.outputs[index].name) else { continue };
             let start = Instant::now();
-            if let Some(kind) = self.slowness.wait() {
+            if let Some(kind) = self.drawing.slowness.wait() {
                 self.gpu.give_up(kind, "it was to be so, for a test");
             }
             match self.draw_channel(index, (wall, id), frame, &scene, &correctors) {
@@ -358,8 +373,7 @@ impl RenderThread {
     /// A wall of other samples needs other pipelines.
     fn use_samples(&mut self, samples: u32) -> Result<(), String> {
         if self.renderer.samples() != samples {
-            let renderer = Renderer::new(&self.gpu, samples);
-            self.renderer = renderer.map_err(|error| error.to_string())?;
+            self.renderer = self.drawing.renderer(&self.gpu, samples)?;
             let states: Vec<_> =
                 self.states.iter().map(|d| (Arc::clone(&d.state), Rc::clone(&d.scene))).collect();
             for (state, scene) in states {

@@ -27,7 +27,9 @@ use crate::loader::{LoadOrder, Loader, ORDERS_MAX, UPLOADS_MAX};
 use crate::monitor::Monitor;
 use crate::network::{self, Network};
 use crate::render_event::RenderEvent;
-use crate::render_thread::{JOBS_MAX, Queues, RenderTask, RenderThread, SendMonitorNames};
+use crate::render_thread::{
+    DrawOptions, JOBS_MAX, Queues, RenderTask, RenderThread, SendMonitorNames,
+};
 use crate::window::{self, Ended, Links, Message, WindowWish, Windows};
 
 /// Reports that wait for the network.
@@ -76,6 +78,8 @@ pub struct ServerOptions {
     pub on_close: Option<fn(&str)>,
     /// The file with the milliseconds that every frame is to take longer, for tests of a wall.
     pub slow_draw: Option<PathBuf>,
+    /// Leaves out of frames what others hide, where that is faster. It changes no pixel.
+    pub culls_occluded: bool,
 }
 
 /// Where the pictures go.
@@ -269,7 +273,6 @@ impl Threads {
         let OwnThread { on_end, monitor_names } = own;
         let span = tracing::Span::current();
         let identity = ServerInfo { server: options.name.clone(), adapter: adapter.name.clone() };
-        let delay = options.present_delay.min(PRESENT_DELAY_MAX);
 
         let queues = Queues {
             jobs: waiting_jobs,
@@ -278,14 +281,17 @@ impl Threads {
             monitor_names,
         };
         let ending = Arc::new(Ending::default());
-        let slowness = DrawDelay::new(options.slow_draw.clone());
+        let drawing = DrawOptions {
+            present_delay: options.present_delay.min(PRESENT_DELAY_MAX),
+            slowness: DrawDelay::new(options.slow_draw.clone()),
+            culls_occluded: options.culls_occluded,
+        };
         let (render_clock, stop, end) = (clock.clone(), ending.clone(), on_end.clone());
         let (render_result, rendered) = bounded(1);
         let server = span.clone();
         Builder::new().name("render".into()).spawn(move || {
             let _server = server.entered();
-            let thread =
-                RenderThread::new(gpu, outputs, queues, render_clock, identity, delay, slowness);
+            let thread = RenderThread::new(gpu, outputs, queues, render_clock, identity, drawing);
             let result = thread.and_then(RenderThread::run);
             stop.end(result.as_ref().err().map_or("it ends", String::as_str));
             // Nobody asks for it only where the process ends anyway.

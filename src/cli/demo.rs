@@ -50,6 +50,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         seconds: arguments.seconds.or((!windows).then_some(LENGTH_UNSEEN)),
         rate: windows.then_some(RATE_SEEN),
         orbit: true,
+        walk: Vec::new(),
+        no_occlusion: false,
         windows,
         record: None,
         exposure: None,

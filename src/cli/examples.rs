@@ -9,6 +9,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         "simulate",
         &[
             "polyptych simulate configs/wall-2x2.toml town.glb --orbit",
+            "polyptych simulate configs/single.toml town.glb --walk 0,9,-80 0,13,-120",
             "polyptych simulate configs/wall-3x1.toml --seconds 20 --rate 30 --windows",
             "polyptych simulate configs/wall-2x2.toml --fault \"at 30 kill front-1-1\"",
         ],

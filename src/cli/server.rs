@@ -74,6 +74,9 @@ pub(super) struct Arguments {
     /// "hang" in it make the GPU lost, out of memory or stuck, once
     #[arg(long, value_name = "FILE")]
     slow_draw: Option<PathBuf>,
+    /// Draw what others hide, too: for measurements. The pictures are the same
+    #[arg(long, hide_short_help = true)]
+    no_occlusion: bool,
     /// End when standard input ends, as it does when the parent process does
     #[arg(long, hide = true)]
     with_parent: bool,
@@ -122,6 +125,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         once: arguments.once,
         present_delay: arguments.present_delay.unwrap_or_default(),
         slow_draw: arguments.slow_draw,
+        culls_occluded: !arguments.no_occlusion,
         on_close: arguments.tell_closed.then_some(tell_parent as fn(&str)),
     };
     let is_asked_to_end = shutdown_signal(arguments.with_parent)?;

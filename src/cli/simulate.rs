@@ -7,14 +7,14 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
-use polyptych_client::blocking::Pending;
-use polyptych_client::{Bounds, Camera, QualityBounds, Request, Response, fit_bounds};
+use polyptych_client::glam::DVec3;
+use polyptych_client::{Bounds, Camera, QualityBounds, fit_bounds};
 use polyptych_manager::recorder::Recorder;
 use polyptych_text::counted;
 use polyptych_wall::Wall;
 
 use super::progress::ProgressReport;
-use super::remote::{open_scene, say_notes};
+use super::remote::{open_scene, point, say_notes};
 use super::seen::Seen;
 use super::{
     bake_files, bound, cache_folder, exposure, load_wall, log_file_warnings, manager, rate, say,
@@ -58,6 +58,11 @@ pub(super) struct Arguments {
     /// Let the camera go round the scene, always as far from its middle
     #[arg(long)]
     pub orbit: bool,
+    /// Let the camera go from one point to another in the course of the run, and look ahead: two
+    /// points X,Y,Z, in world units
+    #[arg(long, num_args = 2, value_names = ["FROM", "TO"], value_parser = point)]
+    #[arg(allow_hyphen_values = true, conflicts_with_all = ["orbit", "seconds", "windows"])]
+    pub walk: Vec<DVec3>,
     /// Show a window for each channel. The mouse turns the scene (drag), moves it (drag with
     /// another button or Shift) and zooms (wheel). Closing a window ends the run
     #[arg(long)]
@@ -71,6 +76,9 @@ pub(super) struct Arguments {
     /// Allow more error as long as the wall draws fewer frames per second than this
     #[arg(long, value_name = "FPS", value_parser = bound::rate_fps)]
     pub rate_bound: Option<f64>,
+    /// Draw what others hide, too: for measurements. The pictures are the same
+    #[arg(long)]
+    pub no_occlusion: bool,
     /// Record what the manager is told, to be replayed
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
@@ -119,6 +127,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         scene_roots: vec![root],
         baker,
         windows: arguments.windows,
+        culls_occluded: !arguments.no_occlusion,
         recorder: arguments.record.as_deref().map(Recorder::open).transpose()?,
         needs,
     };
@@ -235,6 +244,11 @@ fn camera_of_frame(
     arguments: &Arguments,
     n: u64,
 ) -> Option<Camera> {
+    if let [from, to] = arguments.walk[..] {
+        let steps = frame_count(arguments).unwrap_or(1).saturating_sub(1).max(1);
+        let at = from.lerp(to, n as f64 / steps as f64);
+        return Some(Camera::look_at(at, at + (to - from), DVec3::Y));
+    }
     let time_s = n as f64 / arguments.rate.unwrap_or(orbit::TIME_RATE);
     Some(if arguments.orbit {
         orbit::camera_at(wall, focus?, time_s)

@@ -50,6 +50,8 @@ pub(crate) struct LocalWallOptions {
     pub baker: Baker,
     pub windows: bool,
     pub recorder: Option<Recorder>,
+    /// Servers leave out what others hide, where that is faster.
+    pub culls_occluded: bool,
     /// What it must have so that it can be hurt.
     pub needs: FaultHooks,
 }
@@ -83,7 +85,8 @@ impl LocalWall {
     /// # Errors
     /// What did not start, and why; [`Ending`] if it was to end meanwhile.
     pub fn start(options: LocalWallOptions) -> anyhow::Result<Self> {
-        let LocalWallOptions { mut wall, scene_roots, baker, windows, recorder, needs } = options;
+        let LocalWallOptions { mut wall, scene_roots, baker, recorder, needs, .. } = options;
+        let LocalWallOptions { windows, culls_occluded, .. } = options;
         let folder = tempfile::Builder::new().prefix("polyptych-").tempdir()?;
         let token_file = folder.path().join("token");
         let mut secret = [0; 16];
@@ -95,7 +98,10 @@ impl LocalWall {
         // All on one disk: what the baker wrote, the servers read where it lies.
         wall.stores.push(baker.store.join("blobs").display().to_string());
         let hurts = hurts(&needs, socket, folder.path())?;
-        let commands = server_commands(&wall, &address, &token_file, windows, &hurts)?;
+        let mut commands = server_commands(&wall, &address, &token_file, windows, &hurts)?;
+        if !culls_occluded {
+            commands.iter_mut().for_each(|one| one.arguments.push("--no-occlusion".into()));
+        }
         let stop = CancellationToken::new();
         let token_given = token.clone();
         let options = ManagerOptions {

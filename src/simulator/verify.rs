@@ -157,6 +157,7 @@ impl Verifier<'_> {
             baker: self.baker.clone(),
             windows: false,
             recorder: None,
+            culls_occluded: true,
             needs: FaultHooks::default(),
         })
     }

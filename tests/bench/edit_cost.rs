@@ -249,6 +249,7 @@ impl Stage {
                 triangles: 0,
                 draw_calls: 0,
                 error_fraction: 0.0,
+                draws_occluded: 0,
             }),
             _ => return,
         };

@@ -169,6 +169,7 @@ impl Shared {
             triangles: 0,
             draw_calls: 0,
             error_fraction: 0.0,
+            draws_occluded: 0,
         }
     }
 }

@@ -68,6 +68,7 @@ mod manager_kills;
 mod moving;
 mod notes;
 mod observation;
+mod occlusion;
 mod one_process;
 mod outputs;
 mod pipelining;

@@ -72,6 +72,7 @@ pub(super) fn start_server(
         once: false,
         present_delay: std::time::Duration::ZERO,
         slow_draw: None,
+        culls_occluded: true,
         on_close: None,
     };
     let end = Arc::new(Notify::new());

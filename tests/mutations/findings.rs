@@ -46,6 +46,7 @@ fn counts_that_a_server_makes_up_are_added_up() {
             triangles: u64::MAX,
             draw_calls: u32::MAX,
             error_fraction: 0.0,
+            draws_occluded: u32::MAX,
         };
         receiver.take_for_each_frame(ServerMessage::Drawn(drawn));
     }

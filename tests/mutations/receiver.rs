@@ -262,6 +262,7 @@ fn drawn(frame: &Frame, channel: ChannelId, digest: Digest) -> FrameRendered {
         triangles: 1000,
         draw_calls: 6,
         error_fraction: 0.0,
+        draws_occluded: 40,
     }
 }
 

@@ -59,6 +59,7 @@ fn statistics() -> Statistics {
         late: 0,
         triangles: 12,
         draw_calls: 1,
+        draws_occluded: 0,
         error_bound_px: 0.0,
         error_in_force_px: spread,
         largest_error_px: 0.0,

@@ -68,6 +68,7 @@ fn drawn() -> FrameRendered {
         triangles: 100_000,
         draw_calls: 6,
         error_fraction: 0.0,
+        draws_occluded: 40,
     }
 }
 
@@ -199,7 +200,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         (encode(&ServerMessage::Prepared(prepared)), "000102030105626c656e64fbe803"),
         (
             encode(&ServerMessage::Drawn(drawn())),
-            "0201fb2c010302fdfffffffffffffffffb204efca08601000600000000",
+            "0201fb2c010302fdfffffffffffffffffb204efca0860100060000000028",
         ),
         (encode(&ServerMessage::Shown(shown)), "0401fb2c0103fc701101002801"),
         (encode(&ServerMessage::Ping(Ping { sent_us: 1, memory_bytes: 2 })), "050102"),

@@ -25,9 +25,9 @@ impl RenderThread {
         let state = self.states.front().map(|drawable| Arc::clone(&drawable.state));
         let Some(state) = state.filter(|state| state.epoch == epoch) else { return };
         let Some(wall) = state.replica.wall.as_deref() else { return };
-        if !self.present_delay.is_zero() {
+        if !self.drawing.present_delay.is_zero() {
             // Not scheduled beside other work: what is drawn next would lie where this does.
-            std::thread::sleep(self.present_delay);
+            std::thread::sleep(self.drawing.present_delay);
         }
         let is_taken = self.showing.frame_presented(mode);
         for index in 0..self.outputs.len() {

@@ -7,7 +7,7 @@
 use std::time::{Duration, Instant};
 
 use polyptych_protocol::server_message::ServerMessage;
-use polyptych_renderer::{Gpu, GpuFault, GpuFaultKind, Renderer};
+use polyptych_renderer::{Gpu, GpuFault, GpuFaultKind};
 
 use super::{RenderTask, RenderThread};
 use crate::render_event::RenderEvent;
@@ -102,8 +102,7 @@ impl RenderThread {
         (self.building, self.relayout) = (None, None);
         self.patterns.clear();
         let Some(gpu) = self.reopen(begun)? else { return Ok(()) };
-        let renderer = Renderer::new(&gpu, self.renderer.samples());
-        let renderer = renderer.map_err(|error| error.to_string())?;
+        let renderer = self.drawing.renderer(&gpu, self.renderer.samples())?;
         let old = std::mem::replace(&mut self.renderer, renderer);
         let old = (old, std::mem::replace(&mut self.gpu, gpu));
         if fault.kind == GpuFaultKind::Hangs {

@@ -75,8 +75,9 @@ impl RenderThreadFixture {
         };
         let identity = ServerInfo { server: "left".into(), adapter: "a pencil".into() };
         let clock = Arc::new(Clock::default());
-        let (delay, slowness) = (Duration::ZERO, DrawDelay::new(None));
-        let thread = RenderThread::new(gpu, outputs, queues, clock, identity, delay, slowness);
+        let (present_delay, slowness) = (Duration::ZERO, DrawDelay::new(None));
+        let drawing = DrawOptions { present_delay, slowness, culls_occluded: true };
+        let thread = RenderThread::new(gpu, outputs, queues, clock, identity, drawing);
         let mut stage = Self {
             thread: thread.expect("a renderer"),
             reports,

@@ -78,6 +78,7 @@ struct ChannelSamples {
     late_before: u64,
     triangles: u64,
     draw_calls: u64,
+    draws_occluded: u64,
     /// Frames in which it drew longest.
     limiting: u64,
 }
@@ -151,6 +152,7 @@ impl StatisticsCollector {
         channel.draw.add_us(u64::from(drawn.draw_us));
         channel.triangles = drawn.triangles;
         channel.draw_calls = u64::from(drawn.draw_calls);
+        channel.draws_occluded = channel.draws_occluded.max(u64::from(drawn.draws_occluded));
     }
 
     /// Counts a frame that is swapped at `now`.
@@ -238,6 +240,7 @@ impl StatisticsCollector {
                     late: channel.late - of.late_before.min(channel.late),
                     triangles: of.triangles,
                     draw_calls: of.draw_calls,
+                    draws_occluded: of.draws_occluded,
                     adapter: server.map(|server| server.adapter.name.clone()),
                     memory_bytes: server.map_or(0, |server| server.memory_bytes),
                 }
@@ -257,6 +260,7 @@ impl StatisticsCollector {
             // Servers say how many; whatever they say, it is added up.
             triangles: channels.iter().fold(0, |sum, c| sum.saturating_add(c.triangles)),
             draw_calls: channels.iter().fold(0, |sum, c| sum.saturating_add(c.draw_calls)),
+            draws_occluded: channels.iter().fold(0, |sum, c| sum.saturating_add(c.draws_occluded)),
             error_bound_px: asked_px,
             error_in_force_px: self.error.spread(ERROR_UNITS),
             largest_error_px: self.largest_error_px,

@@ -234,6 +234,7 @@ impl ClusterFixture {
             triangles: 1,
             draw_calls: 1,
             error_fraction: 0.0,
+            draws_occluded: 40,
         }
     }
 

@@ -128,6 +128,7 @@ impl RandomRun {
                 triangles: 7,
                 draw_calls: 1,
                 error_fraction: 0.0,
+                draws_occluded: 0,
             }),
             _ => return,
         };

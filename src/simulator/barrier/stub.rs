@@ -203,5 +203,6 @@ fn drawn(frame: &Frame, index: u16, revision: Revision, digest: Digest) -> Serve
         triangles: 0,
         draw_calls: 0,
         error_fraction: 0.0,
+        draws_occluded: 0,
     })
 }

@@ -50,6 +50,7 @@ impl Stage {
             baker: baker.clone(),
             windows: false,
             recorder: None,
+            culls_occluded: true,
             needs: FaultHooks::default(),
         })?;
         let opened = local.client.open_scene(scene.file.display().to_string());

@@ -184,6 +184,7 @@ fn statuses() -> Vec<ServerMessage> {
         triangles: 100_000,
         draw_calls: 6,
         error_fraction: 0.0,
+        draws_occluded: 40,
     };
     let features = vec!["blend".into(), "textures".into()];
     let prepared =
@@ -389,6 +390,7 @@ fn statistics() -> Statistics {
         late: 1,
         triangles: 100_000,
         draw_calls: 6,
+        draws_occluded: 40,
         adapter: Some("llvmpipe".into()),
         memory_bytes: 1 << 28,
     };
@@ -404,6 +406,7 @@ fn statistics() -> Statistics {
         late: 1,
         triangles: 300_000,
         draw_calls: 18,
+        draws_occluded: 120,
         error_bound_px: 0.5,
         error_in_force_px: spread,
         largest_error_px: 0.25,

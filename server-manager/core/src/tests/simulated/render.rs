@@ -218,6 +218,7 @@ impl Simulation {
             triangles: 1,
             draw_calls: 1,
             error_fraction: 0.0,
+            draws_occluded: 0,
         };
         self.report(index, ServerMessage::Drawn(drawn));
         true
