@@ -110,7 +110,7 @@ impl FrameResources {
         };
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("occluders") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
-        occluders.encode_depth(&mut encoder, textures, &context);
+        textures.encode_depth(&mut encoder, &context);
         occluders.encode_farthest(&mut encoder, textures, touched);
         let copy = textures.encode_read(gpu, &mut encoder);
         wait(gpu, gpu.queue.submit([encoder.finish()]))?;

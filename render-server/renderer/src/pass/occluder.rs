@@ -194,21 +194,7 @@ impl OccluderPass {
         OccluderTarget { depth, group, farthest }
     }
 
-    /// Encodes the depth of the draws of all views, of a context with [`Self::pipelines`].
-    pub fn encode_depth(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        onto: &OccluderTarget,
-        context: &DrawContext<'_>,
-    ) {
-        let mut pass = begin(encoder, "occluder/pass", &onto.depth);
-        for (view, list) in context.lists.iter().enumerate() {
-            context.draw(&mut pass, view, &list.opaque);
-        }
-    }
-
-    /// Encodes the farthest depth of each cell,
-    /// within pixels x, y, width, height; of others 0.
+    /// Encodes the farthest depth of each cell within pixels x, y, width, height; of others 0.
     pub fn encode_farthest(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -255,6 +241,14 @@ impl OccluderPass {
 }
 
 impl OccluderTarget {
+    /// Encodes the depth of the draws of all views, of a context with [`OccluderPass::pipelines`].
+    pub fn encode_depth(&self, encoder: &mut wgpu::CommandEncoder, context: &DrawContext<'_>) {
+        let mut pass = begin(encoder, "occluder/pass", &self.depth);
+        for (view, list) in context.lists.iter().enumerate() {
+            context.draw(&mut pass, view, &list.opaque);
+        }
+    }
+
     /// Encodes a copy of the farthest depths, for [`Self::read`].
     pub fn encode_read(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) -> TextureCopy {
         TextureCopy::encode(gpu, encoder, &self.farthest)

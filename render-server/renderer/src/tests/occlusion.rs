@@ -41,15 +41,13 @@ fn expect_equal(scene: &GpuScene, samples: u32, all: &[Vec<ViewDesc>]) -> Vec<Dr
 }
 
 /// Materials of all kinds, by number.
-fn paint(stage: &mut SceneFixture, kind: u32) -> Option<u32> {
+fn paint(stage: &mut SceneFixture, kind: u32) -> u32 {
     let shade = 0.2 + 0.1 * (kind % 7) as f32;
     let plain = matt(shade, 1.0 - shade, 0.5);
     let material = match kind % 6 {
         0 | 1 => plain,
         2 => Material { double_sided: true, ..plain },
         3 => Material {
-            // Half of the checkers are holes.
-            base_color_texture: None,
             base_color: plain.base_color.with_w(0.3),
             alpha_mode: AlphaMode::Mask(0.5),
             ..plain
@@ -61,7 +59,7 @@ fn paint(stage: &mut SceneFixture, kind: u32) -> Option<u32> {
         },
         _ => Material { unlit: true, ..plain },
     };
-    Some(stage.material(material))
+    stage.material(material)
 }
 
 /// A box of half sides 1, seen from outside.
@@ -98,7 +96,7 @@ fn stage_of(all: &[Placed], scale: f64) -> SceneFixture {
     let shapes = [cube(), MeshFixture::rectangle(1.0, 1.0), MeshFixture::sphere(6)];
     for (shape, kind, at, turn, sides) in all {
         let material = paint(&mut stage, *kind);
-        let mesh = stage.mesh(&shapes[*shape as usize % 3], material);
+        let mesh = stage.mesh(&shapes[*shape as usize % 3], Some(material));
         let turn = DQuat::from_axis_angle(DVec3::new(0.6, 0.64, 0.48), *turn);
         let (at, sides) = (DVec3::from_array(*at) * scale, DVec3::from_array(*sides) * scale);
         stage.node(mesh, DAffine3::from_scale_rotation_translation(sides, turn, at));
