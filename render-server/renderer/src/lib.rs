@@ -1,9 +1,9 @@
 //! Draws a scene onto targets. Knows no wire, no wall and no window.
 //!
-//! **Invariants.** World positions are f64 until the eye is subtracted. The picture, and the order of
-//! what is drawn, is a function of the scene and the view, never of the target or of earlier frames;
-//! only what others hide may be drawn or not. Nothing here panics: faults of the GPU come back as
-//! errors.
+//! **Invariants.** World positions are f64 until the eye is subtracted. The picture, and the order
+//! of what is drawn, is a function of the scene and the view, never of the target or of earlier
+//! frames; only what others hide may be drawn or not. Nothing here panics: faults of the GPU come
+//! back as errors.
 //!
 //! Levels of detail: a view allows an error, and each part of a mesh is drawn at the coarsest level
 //! whose error is within it, as seen from the point between the viewer's eyes.

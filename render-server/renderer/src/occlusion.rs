@@ -1,8 +1,8 @@
 //! Which boxes lie behind opaque surfaces at all pixels that they may touch, decided in f64 and on
 //! the safe side.
 //!
-//! The depths of what was drawn are reduced to the farthest one of each cell of pixels, and those to
-//! the farthest of ever larger squares, as in Greene, Kass and Miller, "Hierarchical Z-Buffer
+//! The depths of what was drawn are reduced to the farthest one of each cell of pixels, and those
+//! to the farthest of ever larger squares, as in Greene, Kass and Miller, "Hierarchical Z-Buffer
 //! Visibility" (1993).
 
 use glam::{DMat4, DVec3};
@@ -27,8 +27,8 @@ pub enum OcclusionCulling {
 /// rasterisation rounds.
 const PIXEL_MARGIN: f64 = 2.0;
 
-/// The share of its depth by which a box must be farther than what hides it. The depth of a fragment
-/// is off by less, also on triangles that are seen edge-on.
+/// The share of its depth by which a box must be farther than what hides it. The depth of a
+/// fragment is off by less, also on triangles that are seen edge-on.
 const DEPTH_MARGIN: f64 = 1.0 / 1024.0;
 
 /// The same for parallel rays, whose depth goes from 0 to 1 and is rounded in proportion to 1.

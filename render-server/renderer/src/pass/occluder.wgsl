@@ -10,8 +10,8 @@
 const CELL_SIDE: u32 = 8u;
 const SAMPLES: i32 = 4; //? many
 
-// The depth that the scene's pass begins with: just behind the occluders, so that of surfaces at one
-// depth the first one drawn still wins there.
+// The depth that the scene's pass begins with: just behind the occluders, so that of surfaces at
+// one depth the first one drawn still wins there.
 @fragment
 fn behind(
     @builtin(position) at: vec4<f32>,
