@@ -100,7 +100,9 @@ impl LocalWall {
         let hurts = hurts(&needs, socket, folder.path())?;
         let mut commands = server_commands(&wall, &address, &token_file, windows, &hurts)?;
         if !culls_occluded {
-            commands.iter_mut().for_each(|one| one.arguments.push("--no-occlusion".into()));
+            for server in &mut commands {
+                server.arguments.push("--no-occlusion".into());
+            }
         }
         let stop = CancellationToken::new();
         let token_given = token.clone();
