@@ -101,6 +101,7 @@ fn the_bound_in_force_follows_the_slowest_channel_and_is_reported() {
     assert_eq!(all.error_bound_px, 0.0);
     assert!(all.error_in_force_px.p50 > 1.4 && all.error_in_force_px.max < 8.0, "{all:?}");
     assert!(all.largest_error_px > 0.7);
+    assert_eq!(all.draws_occluded, 40 * all.channels.len() as u64);
     assert_eq!(all.limiting_channel.as_deref(), Some("c1"));
     let status = stage.cluster.status(stage.now);
     assert_eq!(status.error_in_force_px, detail.error_in_force_px);
