@@ -3,11 +3,13 @@
 mod blob_store;
 mod hash;
 mod reader;
+mod store_url;
 mod temporary;
 
 pub use blob_store::{BlobError, BlobStore};
 pub use hash::BlobHash;
 pub use reader::BlobReader;
+pub use store_url::{StoreScheme, StoreUrl, StoreUrlError};
 pub use temporary::{Abandoned, place, remove_abandoned};
 
 /// Largest blob: 16,384² pixels with mip levels are 1.4 GiB, and wgpu's buffers end at 2 GiB.

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use glam::DVec3;
+use polyptych_files::blob::{StoreUrl, StoreUrlError};
 use polyptych_wall::head::{EYE_SEPARATION_MAX_M, HEAD_REACH_MAX_M};
 use polyptych_wall::limits::{
     CHANNELS_MAX, LEAK_MAX, NAME_BYTES_MAX, PATH_BYTES_MAX, PIPELINE_DEPTH_MAX, PORT_DEFAULT,
@@ -43,8 +44,8 @@ pub(super) fn wall(source: &SourceText<'_>, document: &Document) -> Result<Wall,
     let deadline = deadline(source, &document.deadline)?;
     let sync = sync(source, &document.sync)?;
     check_network(source, &document.network)?;
-    let stores = folders(source, "storage.stores", &document.storage)?;
-    let scenes = folders(source, "storage.scenes", &document.storage)?;
+    let stores = stores(source, &document.storage)?;
+    let scenes = folders(source, &document.storage)?;
     let eye = DVec3::from_array(document.wall.eye);
     let blend = blend(source, &document.blend)?;
     let mut files = Files::default();
@@ -237,25 +238,41 @@ fn check_network(source: &SourceText<'_>, network: &NetworkSection) -> Result<()
     Ok(())
 }
 
-/// Folders, absolute: what they mean must not change with the folder that a program starts in.
+/// Folders and URLs of object stores, which hold no secrets: a wall file is shown and copied.
+fn stores(source: &SourceText<'_>, storage: &StorageSection) -> Result<Vec<String>, WallFileError> {
+    let resolve = |(index, store): (usize, &String)| {
+        let key = format!("storage.stores[{index}]");
+        match StoreUrl::from_text(store) {
+            Ok(None) => folder(source, key, store),
+            Ok(Some(url)) if store.len() <= PATH_BYTES_MAX => Ok(url.to_string()),
+            Ok(Some(_)) => {
+                let what = format!("the URL has {} bytes", store.len());
+                Err(source.error(key, what, format!("{PATH_BYTES_MAX} are possible")))
+            }
+            Err(StoreUrlError { problem, fix }) => Err(source.error(key, problem, fix)),
+        }
+    };
+    storage.stores.iter().enumerate().map(resolve).collect()
+}
+
 fn folders(
     source: &SourceText<'_>,
-    key: &str,
     storage: &StorageSection,
 ) -> Result<Vec<String>, WallFileError> {
-    let folders = if key == "storage.stores" { &storage.stores } else { &storage.scenes };
-    let home = source.path().parent().unwrap_or(Path::new(""));
-    let resolve = |(index, folder): (usize, &String)| {
-        if folder.is_empty() || folder.contains('\0') || folder.len() > PATH_BYTES_MAX {
-            let what = format!("{:?} is no folder", folder.chars().take(80).collect::<String>());
-            let remedy = "write a path such as \"scenes\", or \".\" for the wall file's folder";
-            return Err(source.error(format!("{key}[{index}]"), what, remedy));
-        }
-        let path = home.join(folder);
-        let path = std::path::absolute(&path).unwrap_or(path);
-        Ok(path.to_string_lossy().into_owned())
-    };
-    folders.iter().enumerate().map(resolve).collect()
+    let folders = storage.scenes.iter().enumerate();
+    folders.map(|(index, path)| folder(source, format!("storage.scenes[{index}]"), path)).collect()
+}
+
+/// A folder, absolute: what it means must not change with the folder that a program starts in.
+fn folder(source: &SourceText<'_>, key: String, folder: &str) -> Result<String, WallFileError> {
+    if folder.is_empty() || folder.contains('\0') || folder.len() > PATH_BYTES_MAX {
+        let what = format!("{:?} is no folder", folder.chars().take(80).collect::<String>());
+        let remedy = "write a path such as \"scenes\", or \".\" for the wall file's folder";
+        return Err(source.error(key, what, remedy));
+    }
+    let path = source.path().parent().unwrap_or(Path::new("")).join(folder);
+    let path = std::path::absolute(&path).unwrap_or(path);
+    Ok(path.to_string_lossy().into_owned())
 }
 
 fn screens(

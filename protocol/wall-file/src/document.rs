@@ -132,11 +132,14 @@ pub struct NetworkSection {
     pub heartbeat_ms: u32,
 }
 
-/// Folders; those that begin without "/" stand in the wall file's own folder.
+/// Folders, and object stores by their URLs. Folders that begin without "/" stand in the wall
+/// file's own folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct StorageSection {
-    /// Where servers look for baked scenes before they ask the manager: shared disks.
+    /// Where servers look for baked scenes before they ask the manager: shared disks as folders,
+    /// object stores as s3://BUCKET/PREFIX, gs://BUCKET/PREFIX, az://CONTAINER/PREFIX or
+    /// https://HOST/PREFIX. Credentials come from the environment of each server.
     pub stores: Vec<String>,
     /// From where scenes may be opened; nothing outside is.
     pub scenes: Vec<String>,

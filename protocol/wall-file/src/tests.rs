@@ -178,6 +178,25 @@ fn folders_stand_beside_the_wall_file() {
 }
 
 #[test]
+fn stores_are_folders_or_urls_of_object_stores() {
+    let storage = "[storage]\nstores = [\"baked\", \"S3://walls/town/\", \"https://h:8/a\"]\n";
+    let wall = read(&format!("{storage}{SMALLEST}"));
+    assert_eq!(wall.stores, ["/walls/baked", "s3://walls/town", "https://h:8/a"]);
+    for (stores, key, what, remedy) in [
+        ("\"a\", \"ftp://h/a\"", "storage.stores[1]", "\"ftp\"", "s3://BUCKET/PREFIX"),
+        ("\"s3:///a\"", "storage.stores[0]", "names no bucket", "s3://BUCKET/PREFIX"),
+        ("\"s3://k:hidden@b\"", "storage.stores[0]", "password", "AWS_SECRET_ACCESS_KEY"),
+        ("\"\"", "storage.stores[0]", "no folder", "write a path"),
+    ] {
+        let text = format!("[storage]\nstores = [{stores}]\n{SMALLEST}");
+        let error = parse(&text, Path::new("/walls/lab.toml")).expect_err(stores);
+        assert_eq!((error.key(), error.line()), (key, 2), "{error}");
+        assert!(error.what().contains(what) && error.remedy().contains(remedy), "{error}");
+        assert!(!error.to_string().contains("hidden"), "{error}");
+    }
+}
+
+#[test]
 fn every_wall_file_loads_and_survives_a_round_trip() {
     let mut count = 0;
     for entry in std::fs::read_dir(configs()).unwrap() {

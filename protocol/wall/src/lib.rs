@@ -100,7 +100,8 @@ pub struct Wall {
     pub heartbeat_ms: u32,
     /// Where the manager listens.
     pub listen: String,
-    /// Folders in which servers look for blobs before they ask the manager.
+    /// Folders and URLs of object stores in which servers look for blobs before they ask the
+    /// manager.
     pub stores: Vec<String>,
     /// Folders from which scenes may be opened.
     pub scenes: Vec<String>,

@@ -156,7 +156,8 @@ const SECTIONS: &[Section] = &[
     Section {
         of: "StorageSection",
         heading: "[storage]",
-        example: "[storage]\nscenes = [\"scenes\", \"/srv/scenes\"]\n",
+        example: "[storage]\nscenes = [\"scenes\", \"/srv/scenes\"]\n\
+                  stores = [\"/mnt/blobs\", \"s3://walls/blobs\"]\n",
         around: [TILED, ""],
     },
 ];
