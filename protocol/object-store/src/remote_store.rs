@@ -1,0 +1,263 @@
+//! One object store: fetches blobs from it, and puts them there.
+
+use std::time::Duration;
+
+use bytes::{Bytes, BytesMut};
+use futures_util::StreamExt;
+use object_store::aws::{AmazonS3Builder, AmazonS3ConfigKey};
+use object_store::azure::{AzureConfigKey, MicrosoftAzureBuilder};
+use object_store::client::ClientConfigKey;
+use object_store::gcp::{GoogleCloudStorageBuilder, GoogleConfigKey};
+use object_store::http::HttpBuilder;
+use object_store::path::Path;
+use object_store::{
+    BackoffConfig, Error as StoreError, GetResult, ObjectStore, ObjectStoreExt, RetryConfig,
+    WriteMultipart,
+};
+use polyptych_files::blob::{BlobHash, BlobReader, BlobStore, StoreScheme, StoreUrl};
+use tokio::task::spawn_blocking;
+use tokio_rustls::rustls::crypto::{CryptoProvider, ring};
+
+use crate::store_fault::StoreFault;
+
+/// Longest time in which a store may answer a request, its retries included.
+const ANSWER_TIME_MAX: Duration = Duration::from_secs(10);
+
+/// Longest time for a connection: beyond it the machine is down.
+const CONNECT_TIME: &str = "3 s";
+
+/// Longest time without a byte of an answer.
+const STALL_TIME: &str = "5 s";
+
+/// Longest time for all bytes of one request: 2 GiB over a link of 30 Mbit/s.
+const TRANSFER_TIME: &str = "600 s";
+
+/// Further tries of a request that a store could not serve just now.
+const RETRIES_MAX: usize = 2;
+
+/// First wait before another try.
+const RETRY_FIRST: Duration = Duration::from_millis(100);
+
+/// Blobs above it are sent in parts of this size, so that memory holds few of them.
+const PART_BYTES: u64 = 8 << 20;
+
+/// Parts of one blob that are on their way at a time.
+const PARTS_MAX: usize = 2;
+
+/// A folder of blobs in an object store.
+#[derive(Debug)]
+pub struct RemoteStore {
+    url: StoreUrl,
+    store: Box<dyn ObjectStore>,
+}
+
+impl RemoteStore {
+    /// Prepares requests to this store, with the credentials and the endpoint of the process's
+    /// environment; none is sent yet.
+    ///
+    /// # Errors
+    /// [`StoreFault`] if the environment is not enough, or contradicts itself.
+    pub fn open(url: StoreUrl) -> Result<Self, StoreFault> {
+        // Another may be installed already, which serves as well.
+        if CryptoProvider::get_default().is_none() {
+            let _ = ring::default_provider().install_default();
+        }
+        let store = build(&url).map_err(|error| StoreFault::of_store(&url, &error))?;
+        Ok(Self { url, store })
+    }
+
+    /// The store's address.
+    pub fn url(&self) -> &StoreUrl {
+        &self.url
+    }
+
+    fn path_of(&self, hash: BlobHash) -> Path {
+        Path::from(self.url.key_of(hash))
+    }
+
+    fn fault(&self, error: &StoreError) -> StoreFault {
+        StoreFault::of_store(&self.url, error)
+    }
+
+    async fn answer<T>(
+        &self,
+        request: impl Future<Output = object_store::Result<T>>,
+    ) -> Result<Option<T>, StoreFault> {
+        let silent = |_| StoreFault::silent(&self.url, ANSWER_TIME_MAX.as_secs());
+        match tokio::time::timeout(ANSWER_TIME_MAX, request).await.map_err(silent)? {
+            Ok(answer) => Ok(Some(answer)),
+            // A bucket that is missing would else be one without blobs.
+            Err(error @ StoreError::NotFound { .. }) if !names_no_bucket(&error) => Ok(None),
+            Err(error) => Err(self.fault(&error)),
+        }
+    }
+
+    /// Returns a blob of at most `bytes_max` bytes, checked, or `None` if the store has none of
+    /// this name.
+    ///
+    /// # Errors
+    /// [`StoreFault`] if the store cannot be read, or its object is not the blob.
+    pub async fn fetch(&self, hash: BlobHash, bytes_max: u64) -> Result<Option<Bytes>, StoreFault> {
+        let path = self.path_of(hash);
+        let Some(found) = self.answer(self.store.get(&path)).await? else { return Ok(None) };
+        let bytes = self.read(found, &path, bytes_max).await?;
+        // Hashing 2 GiB takes seconds, for which other fetches need not wait.
+        let checked = spawn_blocking(move || (BlobHash::of(&bytes) == hash, bytes)).await;
+        match checked {
+            Ok((true, bytes)) => Ok(Some(bytes)),
+            Ok((false, _)) => {
+                let reason = "has other bytes than its name says";
+                Err(StoreFault::damaged(&self.url, path.as_ref(), reason))
+            }
+            Err(error) => Err(StoreFault::unusable(&self.url, error.to_string(), "try again")),
+        }
+    }
+
+    async fn read(
+        &self,
+        found: GetResult,
+        path: &Path,
+        bytes_max: u64,
+    ) -> Result<Bytes, StoreFault> {
+        let too_large = || StoreFault::too_large(&self.url, path.as_ref(), bytes_max);
+        if found.meta.size > bytes_max {
+            return Err(too_large());
+        }
+        let mut pieces = found.into_stream();
+        // Grows with what is there, not with what was promised.
+        let mut bytes = BytesMut::new();
+        while let Some(piece) = pieces.next().await {
+            let piece = piece.map_err(|error| self.fault(&error))?;
+            if (bytes.len() + piece.len()) as u64 > bytes_max {
+                return Err(too_large());
+            }
+            bytes.extend_from_slice(&piece);
+        }
+        Ok(bytes.freeze())
+    }
+
+    /// Returns the size of a blob's object in bytes, or `None` if there is none.
+    ///
+    /// # Errors
+    /// [`StoreFault`] if the store cannot be asked.
+    pub async fn size_of(&self, hash: BlobHash) -> Result<Option<u64>, StoreFault> {
+        let path = self.path_of(hash);
+        Ok(self.answer(self.store.head(&path)).await?.map(|object| object.size))
+    }
+
+    /// Puts a blob of a folder into the store, over what may be there.
+    ///
+    /// # Errors
+    /// [`StoreFault`] if the store does not take it, or the folder's blob is damaged or missing.
+    pub async fn put(&self, from: &BlobStore, hash: BlobHash) -> Result<(), StoreFault> {
+        let folder = from.clone();
+        let opened = spawn_blocking(move || folder.open(hash)).await;
+        let reader = match opened.map_err(|error| self.local(&error))? {
+            Ok(Some(reader)) => reader,
+            Ok(None) => return Err(self.local(&format!("blob {hash} is not in {from:?}"))),
+            Err(error) => return Err(self.local(&error)),
+        };
+        let path = self.path_of(hash);
+        // Web servers take no parts.
+        if reader.total() <= PART_BYTES || self.is_web() {
+            let bytes = self.read_whole(reader).await?;
+            let put = self.store.put(&path, bytes.into());
+            return put.await.map(drop).map_err(|error| self.fault(&error));
+        }
+        let begun = self.store.put_multipart(&path).await;
+        let upload = begun.map_err(|error| self.fault(&error))?;
+        let mut parts = WriteMultipart::new_with_chunk_size(upload, PART_BYTES as usize);
+        if let Err(fault) = self.put_parts(reader, &mut parts).await {
+            // Parts of an upload that never ends would be kept, and paid for.
+            let _ = parts.abort().await;
+            return Err(fault);
+        }
+        parts.finish().await.map(drop).map_err(|error| self.fault(&error))
+    }
+
+    async fn put_parts(
+        &self,
+        mut reader: BlobReader,
+        parts: &mut WriteMultipart,
+    ) -> Result<(), StoreFault> {
+        loop {
+            let read = spawn_blocking(move || reader.next_piece().map(|piece| (piece, reader)));
+            let read = read.await.map_err(|error| self.local(&error))?;
+            let (piece, rest) = read.map_err(|error| self.local(&error))?;
+            let Some((_, bytes)) = piece else { return Ok(()) };
+            reader = rest;
+            let room = parts.wait_for_capacity(PARTS_MAX).await;
+            room.map_err(|error| self.fault(&error))?;
+            parts.put(bytes);
+        }
+    }
+
+    async fn read_whole(&self, mut reader: BlobReader) -> Result<Bytes, StoreFault> {
+        let read = spawn_blocking(move || {
+            let mut bytes = BytesMut::new();
+            while let Some((_, piece)) = reader.next_piece()? {
+                bytes.extend_from_slice(&piece);
+            }
+            Ok::<_, polyptych_files::blob::BlobError>(bytes.freeze())
+        });
+        let read = read.await.map_err(|error| self.local(&error))?;
+        read.map_err(|error| self.local(&error))
+    }
+
+    /// Returns whether the store is a plain web server.
+    pub(crate) fn is_web(&self) -> bool {
+        matches!(self.url.scheme(), StoreScheme::Http | StoreScheme::Https)
+    }
+
+    /// A fault of this machine, in the course of an upload.
+    fn local(&self, reason: &dyn std::fmt::Display) -> StoreFault {
+        let reason = format!("not uploaded: {reason}");
+        StoreFault::unusable(&self.url, reason, "bake the file again")
+    }
+}
+
+fn names_no_bucket(error: &StoreError) -> bool {
+    let StoreError::NotFound { source, .. } = error else { return false };
+    let text = source.to_string();
+    ["NoSuchBucket", "ContainerNotFound"].iter().any(|code| text.contains(code))
+}
+
+fn build(url: &StoreUrl) -> object_store::Result<Box<dyn ObjectStore>> {
+    use ClientConfigKey::{AllowHttp, ConnectTimeout, ReadTimeout, Timeout};
+    let limits =
+        [(ConnectTimeout, CONNECT_TIME), (ReadTimeout, STALL_TIME), (Timeout, TRANSFER_TIME)];
+    let backoff = BackoffConfig { init_backoff: RETRY_FIRST, ..BackoffConfig::default() };
+    let retry = RetryConfig { backoff, max_retries: RETRIES_MAX, retry_timeout: ANSWER_TIME_MAX };
+    let root = url.root();
+    Ok(match url.scheme() {
+        StoreScheme::S3 => {
+            let mut builder = AmazonS3Builder::from_env().with_url(root).with_retry(retry);
+            for (key, value) in limits {
+                builder = builder.with_config(AmazonS3ConfigKey::Client(key), value);
+            }
+            Box::new(builder.build()?)
+        }
+        StoreScheme::Gs => {
+            let mut builder = GoogleCloudStorageBuilder::from_env().with_url(root);
+            for (key, value) in limits {
+                builder = builder.with_config(GoogleConfigKey::Client(key), value);
+            }
+            Box::new(builder.with_retry(retry).build()?)
+        }
+        StoreScheme::Az => {
+            let mut builder = MicrosoftAzureBuilder::from_env().with_url(root);
+            for (key, value) in limits {
+                builder = builder.with_config(AzureConfigKey::Client(key), value);
+            }
+            Box::new(builder.with_retry(retry).build()?)
+        }
+        StoreScheme::Http | StoreScheme::Https => {
+            let mut builder = HttpBuilder::new().with_url(root).with_retry(retry);
+            for (key, value) in limits {
+                builder = builder.with_config(key, value);
+            }
+            let is_plain = url.scheme() == StoreScheme::Http;
+            Box::new(builder.with_config(AllowHttp, is_plain.to_string()).build()?)
+        }
+    })
+}
