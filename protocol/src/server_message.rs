@@ -60,6 +60,13 @@ pub enum ServerMessage {
         /// What happened to the GPU.
         reason: String,
     },
+    /// An object store of the wall file fails, or works again. The server goes on without it.
+    Storage {
+        /// A sentence for the operator, which names store, reason and remedy; `None` if all is
+        /// well.
+        #[serde(deserialize_with = "text_of_peer")]
+        warning: Option<String>,
+    },
 }
 
 /// A revision is ready.

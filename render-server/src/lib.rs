@@ -4,6 +4,7 @@
 //! one that loads blobs ([`loader`]), and the one that owns the GPU ([`render_thread`]).
 //! The crate `polyptych-renderer` draws; it knows nothing of the wire.
 
+mod blob_sources;
 mod bulk;
 mod channel_output;
 pub mod clock;
@@ -25,6 +26,7 @@ pub mod presentation_state;
 mod render_event;
 mod render_thread;
 mod run;
+mod watched_store;
 mod window;
 mod window_output;
 

@@ -1,20 +1,19 @@
 //! Gets a new state ready: finds its blobs and feeds them to the render thread piece by piece.
 //!
-//! It runs on a thread of its own, so that neither sockets nor frames wait for disks. A blob is
-//! looked for in the wall's store folders, then in this machine's cache, then asked for over the
-//! bulk connection. Hashes are checked wherever the bytes come from.
+//! It runs on a thread of its own, so that neither sockets nor frames wait for disks and stores.
+//! `blob_sources` finds the blobs.
 
 mod moves;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
-use std::time::{Duration, Instant};
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::time::Instant;
 
 use bytes::Bytes;
 use crossbeam_channel::{Receiver, Sender};
-use polyptych_files::blob::{Abandoned, BlobHash, BlobStore};
+use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::command::Prepare;
 use polyptych_protocol::ids::{Digest, Epoch};
 use polyptych_protocol::server_message::{Prepared, ServerMessage};
@@ -28,6 +27,7 @@ use polyptych_wall::warp::CalibrationMap;
 use polyptych_wall::{ChannelCalibration, Wall};
 use tokio::sync::mpsc;
 
+use crate::blob_sources::{BlobOrder, BlobSources};
 use crate::bulk::BulkJob;
 use crate::correction::{self, CorrectionPlans};
 use crate::frame_views;
@@ -36,14 +36,8 @@ use crate::render_event::RenderEvent;
 /// Orders that wait for the loader; the manager sends one change at a time.
 pub(crate) const ORDERS_MAX: usize = 16;
 
-/// Bytes of blobs that are kept on disk when a server starts: several large scenes.
-const CACHE_BYTES_MAX: u64 = 16 << 30;
-
 /// Pieces that wait for the render thread: each delays a frame by at most one upload.
 pub(crate) const UPLOADS_MAX: usize = 4;
-
-/// How often a preparation that waits for a blob looks whether it is still wanted.
-const CHECK_PERIOD: Duration = Duration::from_millis(50);
 
 /// A state that can be drawn, but for what the GPU holds of it.
 #[derive(Debug)]
@@ -128,7 +122,7 @@ pub(crate) struct LoaderLink {
 /// The loader's own state.
 #[derive(Debug)]
 pub(crate) struct Loader {
-    cache: BlobStore,
+    sources: BlobSources,
     orders: Receiver<LoadOrder>,
     uploads: Sender<Upload>,
     /// See [`Gpu::losses`](polyptych_renderer::Gpu::losses); what was made ready before is gone.
@@ -144,8 +138,6 @@ pub(crate) struct Loader {
     ready_maps: BTreeMap<BlobHash, Arc<CalibrationMap>>,
     /// What these make of a wall, which is kept as it was before it was adjusted.
     ready_shapes: Option<(Wall, Arc<WallGeometry>)>,
-    /// Whether the cache's last write failed: said once, not for each of ten thousand blobs.
-    is_cacheless: AtomicBool,
 }
 
 impl Loader {
@@ -157,7 +149,7 @@ impl Loader {
         channels: Vec<String>,
     ) -> Self {
         Self {
-            cache,
+            sources: BlobSources::new(cache),
             orders,
             uploads,
             losses,
@@ -168,22 +160,12 @@ impl Loader {
             ready_scene: None,
             ready_maps: BTreeMap::new(),
             ready_shapes: None,
-            is_cacheless: AtomicBool::new(false),
         }
     }
 
     /// Serves orders until there can be no more.
     pub fn run(mut self) {
-        let Abandoned { files, bytes } = self.cache.remove_abandoned();
-        if files > 0 {
-            let cache = self.cache.root().display();
-            tracing::info!(%cache, files, bytes, "files of killed processes were removed");
-        }
-        match self.cache.evict(CACHE_BYTES_MAX) {
-            Ok(0) => {}
-            Ok(removed) => tracing::info!(removed, "old blobs were removed from the cache"),
-            Err(error) => tracing::warn!(%error, "the cache can't be read"),
-        }
+        self.sources.clean_cache();
         while let Ok(LoadOrder { prepare, line }) = self.orders.recv() {
             let (epoch, revision) = (prepare.epoch, prepare.revision);
             let _span = tracing::error_span!("prepare", revision = revision.0).entered();
@@ -198,6 +180,10 @@ impl Loader {
             };
             // The connection may be gone; the next one gets a new order.
             let _ = line.reports.blocking_send(RenderEvent::Status(status));
+            if let Some(warning) = self.sources.news() {
+                let status = ServerMessage::Storage { warning };
+                let _ = line.reports.blocking_send(RenderEvent::Status(status));
+            }
         }
     }
 
@@ -227,6 +213,7 @@ impl Loader {
         if let Some(fault) = replica.wall.as_ref().and_then(|wall| wall.fault()) {
             return Err(fault);
         }
+        self.sources.set_stores(replica.wall.as_ref().map_or(&[][..], |wall| &wall.stores));
         let maps = match replica.wall.as_deref() {
             Some(wall) => self.load_maps(wall, line)?,
             None => CalibrationMaps::default(),
@@ -318,7 +305,6 @@ impl Loader {
 
     /// The files of a wall, decoded here and not between frames.
     fn load_maps(&mut self, wall: &Wall, line: &LoaderLink) -> Result<CalibrationMaps, String> {
-        let stores = stores(Some(wall));
         let mut maps = BTreeMap::new();
         let loaded = CalibrationMaps::load(wall, |hash| {
             if let Some(known) = maps.get(&hash).or_else(|| self.ready_maps.get(&hash)) {
@@ -326,7 +312,7 @@ impl Loader {
                 maps.insert(hash, Arc::clone(&known));
                 return Ok(known);
             }
-            let map = Arc::new(CalibrationMap::decode(&self.blob(hash, &stores, line)?)?);
+            let map = Arc::new(CalibrationMap::decode(&self.blob(hash, line)?)?);
             maps.insert(hash, Arc::clone(&map));
             Ok(map)
         })?;
@@ -345,15 +331,14 @@ impl Loader {
         if let Some(ready) = before.filter(|ready| ready.version == version) {
             return Ok(ready.clone());
         }
-        let stores = stores(replica.wall.as_deref());
         let base = match before {
             Some(ready) => Arc::clone(&ready.base),
-            None => Arc::new(self.manifest(scene.manifest, &scene.name, &stores, line)?),
+            None => Arc::new(self.manifest(scene.manifest, &scene.name, line)?),
         };
         let mut added = AssetManifests::new();
         for AssetSet { manifest, .. } in replica.edits.assets() {
             let known = before.and_then(|ready| ready.added.get(manifest)).cloned();
-            let read = || self.manifest(*manifest, "what was added", &stores, line).map(Arc::new);
+            let read = || self.manifest(*manifest, "what was added", line).map(Arc::new);
             added.insert(*manifest, known.map_or_else(read, Ok)?);
         }
         if let Some(ready) = before
@@ -381,26 +366,20 @@ impl Loader {
         }
         let missing = layout.content_beyond(held);
         self.upload(Upload::Begin { layout: Arc::clone(&layout), shares: held.is_some() })?;
-        for (blob, place) in missing {
-            let bytes = self.blob(blob, &stores, line)?;
+        let order = BlobOrder { bulk: &line.bulk, check: &|| self.check(line) };
+        self.sources.each(missing, &order, |place, bytes| {
             self.upload(match place {
                 ContentPlace::Texture { index } => Upload::Texture { index, bytes },
                 ContentPlace::Primitive { mesh, primitive } => {
                     Upload::Primitive { mesh, primitive, bytes }
                 }
-            })?;
-        }
+            })
+        })?;
         Ok(ReadyScene { version, base, added, layout, placed, features, warm_up })
     }
 
-    fn manifest(
-        &self,
-        hash: BlobHash,
-        name: &str,
-        stores: &[BlobStore],
-        line: &LoaderLink,
-    ) -> Result<Scene, String> {
-        let bytes = self.blob(hash, stores, line)?;
+    fn manifest(&self, hash: BlobHash, name: &str, line: &LoaderLink) -> Result<Scene, String> {
+        let bytes = self.blob(hash, line)?;
         let scene = polyptych_scene::decode(&bytes)
             .map_err(|error| format!("manifest of {name}: {error}"))?;
         match scene.fault() {
@@ -422,44 +401,8 @@ impl Loader {
         })
     }
 
-    fn blob(
-        &self,
-        hash: BlobHash,
-        stores: &[BlobStore],
-        line: &LoaderLink,
-    ) -> Result<Bytes, String> {
-        self.check(line)?;
-        for folder in stores.iter().chain([&self.cache]) {
-            match folder.read(hash) {
-                Ok(Some(bytes)) => return Ok(bytes),
-                Ok(None) => {}
-                // Another place may have it whole.
-                Err(error) if self.is_cacheless.load(Ordering::Relaxed) => {
-                    tracing::debug!(%error, "a stored blob is of no use");
-                }
-                Err(error) => tracing::warn!(%error, "a stored blob is of no use"),
-            }
-        }
-        let (answer, fetched) = sync_channel(1);
-        let asked = line.bulk.blocking_send(BulkJob::Fetch { hash, answer });
-        asked.map_err(|_| "the bulk connection has ended")?;
-        let bytes = loop {
-            match fetched.recv_timeout(CHECK_PERIOD) {
-                Ok(fetched) => break fetched?,
-                Err(RecvTimeoutError::Timeout) => self.check(line)?,
-                Err(RecvTimeoutError::Disconnected) => {
-                    return Err("the bulk connection has ended".to_owned());
-                }
-            }
-        };
-        let written = self.cache.write(&bytes);
-        let was_cacheless = self.is_cacheless.swap(written.is_err(), Ordering::Relaxed);
-        if let Err(error) = written
-            && !was_cacheless
-        {
-            tracing::warn!(%error, "the cache can't be written; going on without it");
-        }
-        Ok(bytes)
+    fn blob(&self, hash: BlobHash, line: &LoaderLink) -> Result<Bytes, String> {
+        self.sources.blob(hash, &BlobOrder { bulk: &line.bulk, check: &|| self.check(line) })
     }
 
     /// Returns why a preparation is not wanted any more, if it is not.
@@ -480,12 +423,6 @@ impl Loader {
     fn upload(&self, upload: Upload) -> Result<(), String> {
         self.uploads.send(upload).map_err(|_| "the render thread has ended".to_owned())
     }
-}
-
-/// Where a wall's servers look for blobs before they ask the manager.
-fn stores(wall: Option<&Wall>) -> Vec<BlobStore> {
-    let stores = wall.map_or(&[][..], |wall| &wall.stores);
-    stores.iter().map(|store| BlobStore::new(store.as_str())).collect()
 }
 
 #[cfg(test)]

@@ -206,6 +206,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         (encode(&ServerMessage::Ping(Ping { sent_us: 1, memory_bytes: 2 })), "050102"),
         (encode(&ServerMessage::Goodbye { reason: "end".into() }), "0703656e64"),
         (encode(&ServerMessage::StateLost { reason: "end".into() }), "0903656e64"),
+        (encode(&ServerMessage::Storage { warning: Some("end".into()) }), "0a0103656e64"),
         (encode(&BulkToManager::Picture(chunk)), "0101020101000401020304"),
         (
             encode(&BulkToServer::Chunk(piece)),

@@ -1,6 +1,6 @@
 //! Statuses of servers become feedback and status for clients.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelStatus, FrameFeedback, Statistics, WallStatus,
@@ -11,6 +11,9 @@ use polyptych_wall::ChannelId;
 use super::barrier::Barrier;
 use super::registry::ChannelEntry;
 use super::{Cluster, Effect, Micros};
+
+/// Servers that a warning names, of those that say the same.
+const SERVERS_NAMED_MAX: usize = 4;
 
 impl Cluster {
     pub(super) fn aggregate(&self, barrier: &Barrier, now: Micros) -> FrameFeedback {
@@ -97,7 +100,27 @@ impl Cluster {
         let displays = self.registry.channels();
         let displays = displays.filter_map(|(_, channel)| channel.display_warning.clone());
         let slow = self.rate_warning();
-        self.mixed_adapters().into_iter().chain(displays).chain(slow).collect()
+        let all = self.mixed_adapters().into_iter().chain(displays);
+        all.chain(self.storage_warnings()).chain(slow).collect()
+    }
+
+    /// What servers say of object stores: once for all that say the same.
+    fn storage_warnings(&self) -> Vec<String> {
+        let mut told = BTreeMap::<&str, Vec<&str>>::new();
+        for (_, server) in self.registry.servers() {
+            if let Some(warning) = &server.storage_warning {
+                told.entry(warning).or_default().push(&server.name);
+            }
+        }
+        let sentence = |(warning, servers): (&str, Vec<&str>)| {
+            let first = servers[..servers.len().min(SERVERS_NAMED_MAX)].join(", ");
+            let more = match servers.len().saturating_sub(SERVERS_NAMED_MAX) {
+                0 => String::new(),
+                more => format!(" and {more} more"),
+            };
+            format!("{warning} (told by {first}{more})")
+        };
+        told.into_iter().map(sentence).collect()
     }
 
     fn mixed_adapters(&self) -> Option<String> {

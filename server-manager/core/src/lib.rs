@@ -354,6 +354,7 @@ impl Cluster {
                     self.registry.set_display_warning(channel, warning);
                 }
             }
+            ServerMessage::Storage { warning } => self.registry.set_storage_warning(from, warning),
             ServerMessage::StateLost { reason } => self.handle_divergence(now, from, &reason),
             ServerMessage::Navigate(navigation) => self.handle_navigation(now, from, &navigation),
             ServerMessage::Goodbye { reason } => {
@@ -483,6 +484,7 @@ pub fn truncate_reason(mut status: ServerMessage) -> ServerMessage {
     if let ServerMessage::PrepareFailed { reason, .. }
     | ServerMessage::DrawFailed { reason, .. }
     | ServerMessage::Display { warning: Some(reason), .. }
+    | ServerMessage::Storage { warning: Some(reason) }
     | ServerMessage::StateLost { reason }
     | ServerMessage::Goodbye { reason } = &mut status
     {

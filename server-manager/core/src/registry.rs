@@ -48,6 +48,8 @@ pub(super) struct ServerEntry {
     pub prepared: Option<Revision>,
     /// What it was sent and has not answered yet.
     pub owes: Option<Owed>,
+    /// What its server says of the wall's object stores.
+    pub storage_warning: Option<String>,
     /// What it owes too, though nobody wants it any more. Nothing is sent beside both.
     pub obsolete: Option<Revision>,
     pub memory_bytes: u64,
@@ -258,6 +260,7 @@ impl Registry {
             owes: None,
             obsolete: None,
             memory_bytes: 0,
+            storage_warning: None,
             scene_bytes: 0,
             retry_at: None,
             failures: 0,
@@ -338,6 +341,13 @@ impl Registry {
     pub fn set_memory(&mut self, session: SessionId, bytes: u64) {
         if let Some(server) = self.servers.get_mut(&session) {
             server.memory_bytes = bytes;
+        }
+    }
+
+    /// Keeps what a server says of the wall's object stores.
+    pub fn set_storage_warning(&mut self, session: SessionId, warning: Option<String>) {
+        if let Some(server) = self.servers.get_mut(&session) {
+            server.storage_warning = warning;
         }
     }
 

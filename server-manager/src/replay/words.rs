@@ -122,6 +122,8 @@ fn of_status(status: &ServerMessage) -> String {
         ServerMessage::Display { channel, .. } => {
             format!("how the display of channel number {} fits", channel.0)
         }
+        ServerMessage::Storage { warning: Some(warning) } => format!("storage: {}", text(warning)),
+        ServerMessage::Storage { warning: None } => "storage works again".to_owned(),
         ServerMessage::StateLost { reason } => format!("lost its state: {}", text(reason)),
         ServerMessage::Goodbye { reason } => format!("goodbye: {}", text(reason)),
     }

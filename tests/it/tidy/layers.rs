@@ -20,6 +20,11 @@ const LAYERS: &[Layer] = &[
         refused: &["tokio", "toml", "wgpu"],
     },
     Layer { folder: "protocol/wall-file", ours: &["files", "text", "wall"], refused: &["tokio"] },
+    Layer {
+        folder: "protocol/object-store",
+        ours: &["files"],
+        refused: &["bincode", "gltf", "image", "toml", "wgpu"],
+    },
     Layer { folder: "protocol/scene", ours: &["codec", "files"], refused: &["tokio", "gltf"] },
     Layer {
         folder: "protocol",
@@ -58,7 +63,7 @@ const LAYERS: &[Layer] = &[
     },
     Layer {
         folder: "render-server",
-        ours: &["codec", "files", "protocol", "renderer", "scene", "tls", "wall"],
+        ours: &["codec", "files", "object-store", "protocol", "renderer", "scene", "tls", "wall"],
         refused: &["bincode", "gltf"],
     },
 ];

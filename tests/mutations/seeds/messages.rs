@@ -204,6 +204,7 @@ fn statuses() -> Vec<ServerMessage> {
         }),
         ServerMessage::Ping(Ping { sent_us: 1, memory_bytes: 1 << 28 }),
         ServerMessage::Display { channel, warning: Some("monitor A shows 512x768".into()) },
+        ServerMessage::Storage { warning: Some("s3://walls/blobs: no answer".into()) },
         ServerMessage::Navigate(Navigation {
             channel: "a-1-1".into(),
             orbit_rad: DVec2::new(0.1, -0.2),

@@ -116,6 +116,26 @@ fn a_display_that_does_not_fit_is_warned_of_until_its_server_says_otherwise_or_g
 }
 
 #[test]
+fn stores_that_fail_are_warned_of_once_for_all_servers_until_they_work() {
+    let mut stage = ClusterFixture::new(2);
+    let say = |stage: &mut ClusterFixture, from: u64, warning: Option<&str>| {
+        let warning = warning.map(str::to_owned);
+        stage.say(SessionId(from), ServerMessage::Storage { warning });
+        stage.cluster.status(stage.now).warnings
+    };
+    let names = stage.cluster.registry.servers().map(|(_, server)| server.name.clone());
+    let [first, second] = names.collect::<Vec<_>>().try_into().expect("two servers");
+    assert_eq!(say(&mut stage, 0, Some("s3 fails")), [format!("s3 fails (told by {first})")]);
+    let both = format!("s3 fails (told by {first}, {second})");
+    assert_eq!(say(&mut stage, 1, Some("s3 fails")), [both]);
+    let long = "x".repeat(100_000);
+    assert!(say(&mut stage, 0, Some(&long))[1].len() < 2_000);
+    assert_eq!(say(&mut stage, 0, None), [format!("s3 fails (told by {second})")]);
+    stage.cluster.handle_server_gone(stage.now, SessionId(1), "killed");
+    assert!(stage.cluster.status(stage.now).warnings.is_empty());
+}
+
+#[test]
 fn a_channel_that_never_came_back_has_a_gap_to_the_last_frame() {
     let mut stage = ClusterFixture::new(2);
     stage.request(Request::Statistics { reset: true });

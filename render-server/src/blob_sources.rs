@@ -1,0 +1,271 @@
+//! The places where a server finds blobs: this machine's cache, the wall's folders, its object
+//! stores in their order, and the manager.
+//!
+//! Hashes are checked wherever the bytes come from, and what came over the network goes into the
+//! cache. Stores are asked on a thread of their own, several blobs at a time; the loader waits for
+//! them as long as its preparation is wanted.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::time::Duration;
+
+use bytes::Bytes;
+use polyptych_files::blob::{Abandoned, BLOB_BYTES_MAX, BlobHash, BlobStore, StoreUrl};
+use polyptych_object_store::RemoteStore;
+use tokio::runtime::Runtime;
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+use tracing::Instrument;
+
+use crate::bulk::BulkJob;
+use crate::watched_store::{Fetched, WatchedStore};
+
+/// Bytes of blobs that are kept on disk when a server starts: several large scenes.
+const CACHE_BYTES_MAX: u64 = 16 << 30;
+
+/// How often a preparation that waits for a blob looks whether it is still wanted.
+const CHECK_PERIOD: Duration = Duration::from_millis(50);
+
+/// Blobs that are fetched from stores at a time: most of a request's time is spent waiting.
+const FETCHES_MAX: usize = 16;
+
+/// Largest blob that is fetched before its turn; with [`FETCHES_MAX`] it bounds the memory.
+const FETCH_AHEAD_BYTES_MAX: u64 = 16 << 20;
+
+/// A preparation that wants blobs.
+pub(crate) struct BlobOrder<'a> {
+    /// The connection to the manager.
+    pub bulk: &'a mpsc::Sender<BulkJob>,
+    /// Fails if the preparation is not wanted any more.
+    pub check: &'a dyn Fn() -> Result<(), String>,
+}
+
+/// All places of blobs, as the wall names them.
+#[derive(Debug)]
+pub(crate) struct BlobSources {
+    cache: BlobStore,
+    /// Whether the cache's last write failed: said once, not for each of ten thousand blobs.
+    is_cacheless: AtomicBool,
+    /// The wall's list, from which the following were made.
+    named: Vec<String>,
+    folders: Vec<BlobStore>,
+    stores: Arc<[WatchedStore]>,
+    /// The thread on which stores are asked, if there are any.
+    runtime: Option<Runtime>,
+    /// What the manager was told of stores.
+    told: Option<String>,
+}
+
+/// A fetch from stores that is under way; dropping it ends it.
+struct Fetch {
+    fetched: Receiver<Fetched>,
+    task: JoinHandle<()>,
+}
+
+impl Drop for Fetch {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+impl BlobSources {
+    /// A cache alone.
+    pub fn new(cache: BlobStore) -> Self {
+        Self {
+            cache,
+            is_cacheless: AtomicBool::new(false),
+            named: Vec::new(),
+            folders: Vec::new(),
+            stores: Arc::new([]),
+            runtime: None,
+            told: None,
+        }
+    }
+
+    /// Removes what killed processes left in the cache, and what is too much of it.
+    pub fn clean_cache(&self) {
+        let Abandoned { files, bytes } = self.cache.remove_abandoned();
+        if files > 0 {
+            let cache = self.cache.root().display();
+            tracing::info!(%cache, files, bytes, "files of killed processes were removed");
+        }
+        match self.cache.evict(CACHE_BYTES_MAX) {
+            Ok(0) => {}
+            Ok(removed) => tracing::info!(removed, "old blobs were removed from the cache"),
+            Err(error) => tracing::warn!(%error, "the cache can't be read"),
+        }
+    }
+
+    /// Takes a wall's list of folders and URLs.
+    pub fn set_stores(&mut self, named: &[String]) {
+        if self.named == named {
+            return;
+        }
+        self.named = named.to_vec();
+        self.folders.clear();
+        let mut stores = Vec::new();
+        for name in named {
+            match StoreUrl::from_text(name) {
+                Ok(None) => self.folders.push(BlobStore::new(name.as_str())),
+                Ok(Some(url)) => match RemoteStore::open(url) {
+                    Ok(store) => stores.push(WatchedStore::of(store)),
+                    Err(fault) => stores.push(WatchedStore::unusable(&fault.to_string())),
+                },
+                // The manager checks wall files; this one comes from another version of it.
+                Err(error) => stores.push(WatchedStore::unusable(&error.to_string())),
+            }
+        }
+        if !stores.is_empty() && self.runtime.is_none() {
+            let runtime = tokio::runtime::Builder::new_multi_thread()
+                .worker_threads(1)
+                .thread_name("stores")
+                .enable_all()
+                .build();
+            let failed = |error| tracing::warn!(%error, "object stores can't be asked");
+            self.runtime = runtime.map_err(failed).ok();
+        }
+        self.stores = stores.into();
+    }
+
+    /// Returns what the manager is to be told of stores, if that is another sentence than before
+    /// or it may have come over a connection that is gone: `Some(None)` says that all is well.
+    pub fn news(&mut self) -> Option<Option<String>> {
+        let warnings: Vec<String> = self.stores.iter().filter_map(WatchedStore::warning).collect();
+        let warning = (!warnings.is_empty()).then(|| warnings.join("; "));
+        let before = std::mem::replace(&mut self.told, warning.clone());
+        (warning.is_some() || before.is_some()).then_some(warning)
+    }
+
+    /// Gives each of these blobs in order, while the following ones are fetched from stores.
+    ///
+    /// # Errors
+    /// A blob is nowhere, the preparation is not wanted any more, or `deliver` says so.
+    pub fn each<T>(
+        &self,
+        wanted: impl IntoIterator<Item = (BlobHash, T)>,
+        order: &BlobOrder<'_>,
+        mut deliver: impl FnMut(T, Bytes) -> Result<(), String>,
+    ) -> Result<(), String> {
+        let mut wanted = wanted.into_iter();
+        let mut ahead = VecDeque::new();
+        loop {
+            while ahead.len() < FETCHES_MAX
+                && let Some((hash, of)) = wanted.next()
+            {
+                ahead.push_back((hash, of, self.fetch(hash, FETCH_AHEAD_BYTES_MAX)));
+            }
+            let Some((hash, of, fetch)) = ahead.pop_front() else { return Ok(()) };
+            let fetched = match fetch {
+                Some(fetch) => wait(&fetch.fetched, order)?,
+                None => Fetched::Nowhere,
+            };
+            let bytes = match fetched {
+                Fetched::Blob(bytes) => self.keep(bytes),
+                Fetched::TooLarge => self.blob(hash, order)?,
+                Fetched::Nowhere => match self.stored(hash) {
+                    Some(bytes) => bytes,
+                    None => self.keep(ask_manager(hash, order)?),
+                },
+            };
+            deliver(of, bytes)?;
+        }
+    }
+
+    /// Returns a blob from the first place that has it.
+    ///
+    /// # Errors
+    /// It is nowhere, or the preparation is not wanted any more.
+    pub fn blob(&self, hash: BlobHash, order: &BlobOrder<'_>) -> Result<Bytes, String> {
+        (order.check)()?;
+        if let Some(bytes) = self.stored(hash) {
+            return Ok(bytes);
+        }
+        let fetched = self.fetch(hash, BLOB_BYTES_MAX).map(|fetch| wait(&fetch.fetched, order));
+        match fetched.transpose()? {
+            Some(Fetched::Blob(bytes)) => Ok(self.keep(bytes)),
+            _ => Ok(self.keep(ask_manager(hash, order)?)),
+        }
+    }
+
+    /// The blob from the cache or a folder.
+    fn stored(&self, hash: BlobHash) -> Option<Bytes> {
+        for folder in std::iter::once(&self.cache).chain(&self.folders) {
+            match folder.read(hash) {
+                Ok(Some(bytes)) => return Some(bytes),
+                Ok(None) => {}
+                // Another place may have it whole.
+                Err(error) if self.is_cacheless.load(Ordering::Relaxed) => {
+                    tracing::debug!(%error, "a stored blob is of no use");
+                }
+                Err(error) => tracing::warn!(%error, "a stored blob is of no use"),
+            }
+        }
+        None
+    }
+
+    /// Begins to fetch a blob from stores, unless no store works or a file of its name is here.
+    fn fetch(&self, hash: BlobHash, bytes_max: u64) -> Option<Fetch> {
+        let runtime = self.runtime.as_ref()?;
+        let is_here = || self.cache.contains(hash) || self.folders.iter().any(|f| f.contains(hash));
+        if !self.stores.iter().any(WatchedStore::is_usable) || is_here() {
+            return None;
+        }
+        let stores = Arc::clone(&self.stores);
+        let (answer, fetched) = sync_channel(1);
+        let fetch = async move {
+            let mut found = Fetched::Nowhere;
+            for store in &*stores {
+                found = store.fetch(hash, bytes_max).await;
+                if !matches!(found, Fetched::Nowhere) {
+                    break;
+                }
+            }
+            // Whoever asked may have been told to stop meanwhile.
+            let _ = answer.send(found);
+        };
+        Some(Fetch { fetched, task: runtime.spawn(fetch.in_current_span()) })
+    }
+
+    /// Puts a blob that came over the network into the cache.
+    fn keep(&self, bytes: Bytes) -> Bytes {
+        let written = self.cache.write(&bytes);
+        let was_cacheless = self.is_cacheless.swap(written.is_err(), Ordering::Relaxed);
+        if let Err(error) = written
+            && !was_cacheless
+        {
+            tracing::warn!(%error, "the cache can't be written; going on without it");
+        }
+        bytes
+    }
+}
+
+impl Drop for BlobSources {
+    fn drop(&mut self) {
+        // A process that ends does not wait for a store.
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
+fn ask_manager(hash: BlobHash, order: &BlobOrder<'_>) -> Result<Bytes, String> {
+    let (answer, fetched) = sync_channel(1);
+    let asked = order.bulk.blocking_send(BulkJob::Fetch { hash, answer });
+    asked.map_err(|_| "the bulk connection has ended")?;
+    wait(&fetched, order)?
+}
+
+/// Waits for an answer as long as the preparation is wanted.
+fn wait<T>(answer: &Receiver<T>, order: &BlobOrder<'_>) -> Result<T, String> {
+    loop {
+        match answer.recv_timeout(CHECK_PERIOD) {
+            Ok(answer) => return Ok(answer),
+            Err(RecvTimeoutError::Timeout) => (order.check)()?,
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err("the bulk connection has ended".to_owned());
+            }
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! An object store and how it has behaved: one that fails is told once, and left alone for a while.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use bytes::Bytes;
+use polyptych_files::blob::{BLOB_BYTES_MAX, BlobHash};
+use polyptych_object_store::{FaultKind, RemoteStore, StoreFault};
+
+/// First and longest time for which a store that failed is not asked: a preparation of a thousand
+/// blobs meets a dead store once, and one that was restarted is found again within minutes.
+const STORE_RETRY_FIRST: Duration = Duration::from_secs(5);
+const STORE_RETRY_LONGEST: Duration = Duration::from_secs(300);
+
+/// Damaged objects in a row after which the whole store is taken to be damaged.
+const DAMAGED_MAX: u32 = 8;
+
+/// What stores gave.
+#[derive(Debug)]
+pub(crate) enum Fetched {
+    /// The blob, checked.
+    Blob(Bytes),
+    /// It is larger than was allowed before its turn.
+    TooLarge,
+    /// No store has it, or works.
+    Nowhere,
+}
+
+/// A store, or the reason why it can never be asked.
+#[derive(Debug)]
+pub(crate) struct WatchedStore {
+    store: Option<RemoteStore>,
+    health: Mutex<Health>,
+}
+
+/// How a store has behaved.
+#[derive(Debug, Default)]
+struct Health {
+    /// Failures since it last gave an answer.
+    failures: u32,
+    /// When it may be asked again, if it failed.
+    retry_at: Option<Instant>,
+    /// Damaged objects since the last whole one.
+    damaged: u32,
+    /// Why it is not asked.
+    unusable: Option<String>,
+    /// The first damaged object.
+    damage: Option<String>,
+}
+
+impl WatchedStore {
+    /// A store that was not asked yet.
+    pub fn of(store: RemoteStore) -> Self {
+        Self { store: Some(store), health: Mutex::default() }
+    }
+
+    /// A store that can't be asked, which is logged.
+    pub fn unusable(reason: &str) -> Self {
+        tracing::warn!(reason, "an object store is not used");
+        let health = Health { unusable: Some(reason.to_owned()), ..Health::default() };
+        Self { store: None, health: Mutex::new(health) }
+    }
+
+    fn health(&self) -> MutexGuard<'_, Health> {
+        self.health.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns whether the store may be asked now.
+    pub fn is_usable(&self) -> bool {
+        let now = Instant::now();
+        self.store.is_some() && self.health().retry_at.is_none_or(|at| at <= now)
+    }
+
+    /// Returns what an operator should know of the store, if anything.
+    pub fn warning(&self) -> Option<String> {
+        let health = self.health();
+        health.unusable.clone().or_else(|| health.damage.clone())
+    }
+
+    /// Asks the store for a blob of at most `bytes_max` bytes, if it may be asked now.
+    pub async fn fetch(&self, hash: BlobHash, bytes_max: u64) -> Fetched {
+        let Some(store) = self.store.as_ref().filter(|_| self.is_usable()) else {
+            return Fetched::Nowhere;
+        };
+        match store.fetch(hash, bytes_max).await {
+            Ok(found) => {
+                self.note_answer(store, found.is_some());
+                found.map_or(Fetched::Nowhere, Fetched::Blob)
+            }
+            Err(fault) if fault.kind == FaultKind::TooLarge && bytes_max < BLOB_BYTES_MAX => {
+                Fetched::TooLarge
+            }
+            Err(fault) => {
+                self.note_fault(&fault);
+                Fetched::Nowhere
+            }
+        }
+    }
+
+    fn note_answer(&self, store: &RemoteStore, is_whole: bool) {
+        let mut health = self.health();
+        if is_whole {
+            health.damaged = 0;
+        }
+        health.retry_at = None;
+        health.failures = 0;
+        if health.unusable.take().is_some() {
+            drop(health);
+            tracing::info!(store = %store.url(), "the object store works again");
+        }
+    }
+
+    fn note_fault(&self, fault: &StoreFault) {
+        let mut health = self.health();
+        let is_new = if fault.kind == FaultKind::Unusable {
+            // Others that were under way fail for the same reason.
+            if health.retry_at.is_some_and(|at| at > Instant::now()) {
+                return;
+            }
+            health.rest();
+            health.unusable.replace(fault.to_string()).is_none()
+        } else {
+            health.damaged += 1;
+            if health.damaged >= DAMAGED_MAX {
+                health.damaged = 0;
+                health.rest();
+            }
+            let is_first = health.damage.is_none();
+            health.damage.get_or_insert_with(|| fault.to_string());
+            is_first
+        };
+        drop(health);
+        let StoreFault { url: store, reason, fix, .. } = fault;
+        if is_new {
+            tracing::warn!(%store, reason, fix, "blobs come from elsewhere than this object store");
+        } else {
+            tracing::debug!(%store, reason, "the object store fails still");
+        }
+    }
+}
+
+impl Health {
+    /// Leaves the store alone, longer after each failure.
+    fn rest(&mut self) {
+        let wait = STORE_RETRY_FIRST * 2u32.pow(self.failures.min(8));
+        self.failures += 1;
+        self.retry_at = Some(Instant::now() + wait.min(STORE_RETRY_LONGEST));
+    }
+}
