@@ -9,6 +9,8 @@ use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_baker::map::{MapUse, bake_map};
 use polyptych_baker::{BakeCache, Baked, Progress, bake};
+use polyptych_files::blob::{BlobHash, StoreUrl};
+use polyptych_object_store::Uploaded;
 use polyptych_text::counted;
 use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 
@@ -16,6 +18,8 @@ use super::remote::say_notes;
 use super::say;
 use super::shutdown_signal::watch_shutdown_signals;
 use crate::{logging, progress};
+
+mod upload;
 
 /// How much less important than a frame a bake is, on the scale of nice(1).
 const NICENESS: i32 = 10;
@@ -46,6 +50,10 @@ pub(super) struct Arguments {
     /// its UV places on the screen's canvas, as SGCT has them
     #[arg(long, requires = "used_as")]
     sgct_roles: bool,
+    /// Put the blobs that are missing there into an object store too, such as
+    /// s3://BUCKET/PREFIX; credentials and endpoint come from the environment
+    #[arg(long, value_name = "URL", value_parser = upload::store_url)]
+    upload: Option<StoreUrl>,
     /// Print what was baked as one line of JSON
     #[arg(long)]
     json: bool,
@@ -96,9 +104,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let baked = bake(&arguments.file, &store, &mut progress, &cancel);
     bar.finish_and_clear();
     let baked = baked?;
+    let uploaded = match &arguments.upload {
+        None => None,
+        Some(_) => {
+            let blobs = upload::blobs_of_scene(&store, baked.manifest)?;
+            uploaded(arguments, &store, &blobs, &cancel)?
+        }
+    };
     if arguments.json {
-        say(serde_json::to_string(&baked)?)?;
-        return Ok(());
+        return say_json(&baked, uploaded.as_ref());
     }
     let how = if baked.reused { "was baked before" } else { "baked" };
     say(format_args!(
@@ -115,7 +129,33 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     say_notes(&baked.warnings)?;
     say(format_args!("manifest {} in {}", baked.manifest, arguments.output.display()))?;
-    Ok(())
+    say_uploaded(arguments, uploaded.as_ref())
+}
+
+/// Uploads these blobs, if the arguments say so.
+fn uploaded(
+    arguments: &Arguments,
+    store: &BakeCache,
+    blobs: &[BlobHash],
+    cancel: &AtomicBool,
+) -> anyhow::Result<Option<Uploaded>> {
+    let url = arguments.upload.as_ref();
+    url.map(|url| upload::upload(url, store, blobs, cancel)).transpose()
+}
+
+fn say_uploaded(arguments: &Arguments, uploaded: Option<&Uploaded>) -> anyhow::Result<()> {
+    let both = arguments.upload.as_ref().zip(uploaded);
+    both.map_or(Ok(()), |(url, uploaded)| upload::say_uploaded(url, uploaded))
+}
+
+/// Prints what was baked and uploaded as one line of JSON.
+fn say_json(baked: &impl serde::Serialize, uploaded: Option<&Uploaded>) -> anyhow::Result<()> {
+    let mut json = serde_json::to_value(baked)?;
+    if let Some(Uploaded { sent, sent_bytes, present }) = uploaded {
+        json["uploaded"] =
+            serde_json::json!({ "sent": sent, "sent_bytes": sent_bytes, "present": present });
+    }
+    say(json)
 }
 
 /// Returns what levels of detail there are beside the finest one, or `None` if there are none.
@@ -190,11 +230,13 @@ fn run_map(
         Use::Mask => MapUse::Mask,
     };
     let baked = bake_map(&arguments.file, used_as, store, cancel)?;
+    let uploaded = uploaded(arguments, store, &[baked.blob], cancel)?;
     if arguments.json {
-        return say(serde_json::to_string(&baked)?);
+        return say_json(&baked, uploaded.as_ref());
     }
     say(&baked.what)?;
-    say(format_args!("blob {} in {}", baked.blob, arguments.output.display()))
+    say(format_args!("blob {} in {}", baked.blob, arguments.output.display()))?;
+    say_uploaded(arguments, uploaded.as_ref())
 }
 
 fn cancel_on_interrupt(cancel: Arc<AtomicBool>, with_parent: bool) -> anyhow::Result<()> {

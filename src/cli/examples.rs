@@ -182,7 +182,14 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         ],
     ),
     ("scene town", &["polyptych scene town --blocks 8 --seed 3 -o town.glb"]),
-    ("bake", &["polyptych bake town.glb -o store", "polyptych bake left.pfm -o store --as warp"]),
+    (
+        "bake",
+        &[
+            "polyptych bake town.glb -o store",
+            "polyptych bake town.glb -o store --upload s3://walls/blobs",
+            "polyptych bake left.pfm -o store --as warp",
+        ],
+    ),
     (
         "bench",
         &[

@@ -11,6 +11,7 @@ pub mod pictures;
 pub mod place;
 pub mod process;
 pub mod relay;
+pub mod s3_server;
 pub mod scenes;
 pub mod signals;
 pub mod simulation;

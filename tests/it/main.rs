@@ -16,6 +16,7 @@
 //! - `command_text`: help, schema, manuals, variables, and files that the command leaves alone
 //! - `outputs`: commands replace regular files only
 //! - `wall_files`: warp maps, masks and archives that others wrote
+//! - `object_stores`: blobs come from S3 servers, and from elsewhere where those fail
 //! - `foreign_walls`: files of other systems, point by point
 //! - `first_look`: a scene that was opened is seen whole, large, and neither white nor black
 //! - `seams`: a wall of tiles shows what one channel shows
@@ -67,6 +68,7 @@ mod layers;
 mod manager_kills;
 mod moving;
 mod notes;
+mod object_stores;
 mod observation;
 mod occlusion;
 mod one_process;

@@ -2,6 +2,6 @@
 
 mod exposition;
 mod logs;
-mod metrics;
+pub mod metrics;
 mod stuck;
 mod watch;

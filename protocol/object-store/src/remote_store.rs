@@ -16,6 +16,7 @@ use object_store::{
 };
 use polyptych_files::blob::{BlobHash, BlobReader, BlobStore, StoreScheme, StoreUrl};
 use tokio::task::spawn_blocking;
+use tokio::time::{Instant, timeout_at};
 use tokio_rustls::rustls::crypto::{CryptoProvider, ring};
 
 use crate::store_fault::StoreFault;
@@ -28,6 +29,10 @@ const CONNECT_TIME: &str = "3 s";
 
 /// Longest time without a byte of an answer.
 const STALL_TIME: &str = "5 s";
+
+/// Least rate at which a blob must come, in bytes a second, after the time of an answer: a
+/// preparation of the wall waits for it.
+const RATE_MIN: u64 = 256 << 10;
 
 /// Longest time for all bytes of one request: 2 GiB over a link of 30 Mbit/s.
 const TRANSFER_TIME: &str = "600 s";
@@ -123,10 +128,13 @@ impl RemoteStore {
         if found.meta.size > bytes_max {
             return Err(too_large());
         }
+        let limit = ANSWER_TIME_MAX + Duration::from_secs(found.meta.size / RATE_MIN);
+        let deadline = Instant::now() + limit;
         let mut pieces = found.into_stream();
         // Grows with what is there, not with what was promised.
         let mut bytes = BytesMut::new();
-        while let Some(piece) = pieces.next().await {
+        let silent = |_| StoreFault::silent(&self.url, limit.as_secs());
+        while let Some(piece) = timeout_at(deadline, pieces.next()).await.map_err(silent)? {
             let piece = piece.map_err(|error| self.fault(&error))?;
             if (bytes.len() + piece.len()) as u64 > bytes_max {
                 return Err(too_large());

@@ -59,7 +59,11 @@ impl StoreFault {
     }
 
     pub(crate) fn silent(url: &StoreUrl, seconds: u64) -> Self {
-        Self::unusable(url, format!("no answer within {seconds} s"), reach(url.scheme()))
+        Self::unusable(
+            url,
+            format!("the answer was not there within {seconds} s"),
+            reach(url.scheme()),
+        )
     }
 
     pub(crate) fn of_store(url: &StoreUrl, error: &StoreError) -> Self {

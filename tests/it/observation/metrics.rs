@@ -159,7 +159,7 @@ fn state_of(metrics: &Exposition, channel: &str) -> &'static str {
     found[0]
 }
 
-fn scrape(address: &str) -> Exposition {
+pub fn scrape(address: &str) -> Exposition {
     let answer = exchange(address, "GET /metrics HTTP/1.1\r\nHost: wall\r\n\r\n");
     let (head, body) = answer.split_once("\r\n\r\n").expect("a head and a body");
     assert!(head.starts_with("HTTP/1.1 200"), "{head}");
