@@ -14,6 +14,14 @@ pub enum BulkToManager {
     Want(BlobHash),
     /// A piece of the picture that a channel drew for a frame.
     Picture(CaptureChunk),
+    /// Asks for the rest of a blob whose beginning the server has.
+    WantRest {
+        /// Which blob.
+        hash: BlobHash,
+        /// Bytes that the server has: a multiple of
+        /// [`polyptych_files::blob::CHUNK_BYTES_MAX`] below the blob's size.
+        offset: u64,
+    },
 }
 
 /// What the manager sends over a server's bulk connection.

@@ -20,6 +20,7 @@ use tokio::task::JoinHandle;
 use tracing::Instrument;
 
 use crate::bulk::BulkJob;
+use crate::manager_fetch;
 use crate::watched_store::{Fetched, WatchedStore};
 
 /// Bytes of blobs that are kept on disk when a server starts: several large scenes.
@@ -86,9 +87,13 @@ impl BlobSources {
 
     /// Removes what killed processes left in the cache, and what is too much of it.
     pub fn clean_cache(&self) {
+        let cache = self.cache.root().display();
+        let Abandoned { files, bytes } = self.cache.remove_old_partials();
+        if files > 0 {
+            tracing::info!(%cache, files, bytes, "old beginnings of blobs were removed");
+        }
         let Abandoned { files, bytes } = self.cache.remove_abandoned();
         if files > 0 {
-            let cache = self.cache.root().display();
             tracing::info!(%cache, files, bytes, "files of killed processes were removed");
         }
         match self.cache.evict(CACHE_BYTES_MAX) {
@@ -166,7 +171,7 @@ impl BlobSources {
                 Fetched::TooLarge => self.blob(hash, order)?,
                 Fetched::Nowhere => match self.stored(hash) {
                     Some(bytes) => bytes,
-                    None => self.keep(ask_manager(hash, order)?),
+                    None => self.ask_manager(hash, order)?,
                 },
             };
             deliver(of, bytes)?;
@@ -185,7 +190,7 @@ impl BlobSources {
         let fetched = self.fetch(hash, BLOB_BYTES_MAX).map(|fetch| wait(&fetch.fetched, order));
         match fetched.transpose()? {
             Some(Fetched::Blob(bytes)) => Ok(self.keep(bytes)),
-            _ => Ok(self.keep(ask_manager(hash, order)?)),
+            _ => self.ask_manager(hash, order),
         }
     }
 
@@ -228,16 +233,29 @@ impl BlobSources {
         Some(Fetch { fetched, task: runtime.spawn(fetch.in_current_span()) })
     }
 
+    /// Asks the manager, which has all blobs of a wall and its scenes.
+    fn ask_manager(&self, hash: BlobHash, order: &BlobOrder<'_>) -> Result<Bytes, String> {
+        let (bytes, placed) = manager_fetch::fetch(&self.cache, hash, order)?;
+        if let Some(placed) = placed {
+            self.note_cache(&placed);
+            return Ok(bytes);
+        }
+        Ok(self.keep(bytes))
+    }
+
     /// Puts a blob that came over the network into the cache.
     fn keep(&self, bytes: Bytes) -> Bytes {
-        let written = self.cache.write(&bytes);
+        self.note_cache(&self.cache.write(&bytes));
+        bytes
+    }
+
+    fn note_cache<T, E: std::fmt::Display>(&self, written: &Result<T, E>) {
         let was_cacheless = self.is_cacheless.swap(written.is_err(), Ordering::Relaxed);
         if let Err(error) = written
             && !was_cacheless
         {
             tracing::warn!(%error, "the cache can't be written; going on without it");
         }
-        bytes
     }
 }
 
@@ -250,15 +268,8 @@ impl Drop for BlobSources {
     }
 }
 
-fn ask_manager(hash: BlobHash, order: &BlobOrder<'_>) -> Result<Bytes, String> {
-    let (answer, fetched) = sync_channel(1);
-    let asked = order.bulk.blocking_send(BulkJob::Fetch { hash, answer });
-    asked.map_err(|_| "the bulk connection has ended")?;
-    wait(&fetched, order)?
-}
-
 /// Waits for an answer as long as the preparation is wanted.
-fn wait<T>(answer: &Receiver<T>, order: &BlobOrder<'_>) -> Result<T, String> {
+pub(crate) fn wait<T>(answer: &Receiver<T>, order: &BlobOrder<'_>) -> Result<T, String> {
     loop {
         match answer.recv_timeout(CHECK_PERIOD) {
             Ok(answer) => return Ok(answer),

@@ -1,8 +1,8 @@
 //! The second connection: blobs come down, pictures go up, one after the other.
 
-use std::sync::mpsc::SyncSender;
+use std::sync::mpsc::{SyncSender, TrySendError};
 
-use bytes::{Bytes, BytesMut};
+use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
 use polyptych_files::blob::CHUNK_BYTES_MAX;
 use polyptych_files::blob::{BLOB_BYTES_MAX, BlobHash};
@@ -16,11 +16,23 @@ use crate::render_event::CapturedImage;
 /// Jobs that wait for the bulk connection.
 pub(crate) const BULK_JOBS_MAX: usize = 16;
 
+/// Pieces of one blob that wait for the loader: all of the largest, as the network thread waits for
+/// no disk.
+pub(crate) const PIECES_MAX: usize = BLOB_BYTES_MAX as usize / CHUNK_BYTES_MAX + 1;
+
+/// The next bytes of a blob.
+#[derive(Debug)]
+pub(crate) struct Piece {
+    /// Bytes of the whole blob.
+    pub total: u64,
+    pub bytes: Bytes,
+}
+
 /// What the bulk connection is used for.
 #[derive(Debug)]
 pub(crate) enum BulkJob {
-    /// Fetch a blob; the answer is checked against its name.
-    Fetch { hash: BlobHash, answer: SyncSender<Result<Bytes, String>> },
+    /// Fetch a blob from an offset on, piece by piece; nothing is checked here but the order.
+    Fetch { hash: BlobHash, offset: u64, pieces: SyncSender<Result<Piece, String>> },
     /// Send a picture.
     Send(CapturedImage),
 }
@@ -32,17 +44,10 @@ pub(crate) async fn serve(
 ) -> String {
     while let Some(job) = jobs.recv().await {
         let done = match job {
-            BulkJob::Fetch { hash, answer } => match fetch(&mut frames, hash).await {
-                Ok(blob) => {
-                    // Whoever asked may have been told to stop meanwhile.
-                    let _ = answer.send(blob);
-                    Ok(())
-                }
-                Err(reason) => {
-                    let _ = answer.send(Err(reason.clone()));
-                    Err(reason)
-                }
-            },
+            // Whoever asked hears of a connection's end by the end of the pieces.
+            BulkJob::Fetch { hash, offset, pieces } => {
+                fetch(&mut frames, hash, offset, &pieces).await
+            }
             BulkJob::Send(picture) => send(&mut frames, &picture).await,
         };
         if let Err(reason) = done {
@@ -52,41 +57,48 @@ pub(crate) async fn serve(
     "the server ends".to_owned()
 }
 
-/// The outer error is the connection's, the inner one the blob's.
+/// Passes the pieces of a blob on, or the reason why it is not to be had. An error is the
+/// connection's.
 async fn fetch(
     frames: &mut MessageStream<Stream>,
     hash: BlobHash,
-) -> Result<Result<Bytes, String>, String> {
-    let want = frames.send(polyptych_codec::encode(&BulkToManager::Want(hash))).await;
+    offset: u64,
+    pieces: &SyncSender<Result<Piece, String>>,
+) -> Result<(), String> {
+    let want = match offset {
+        0 => BulkToManager::Want(hash),
+        offset => BulkToManager::WantRest { hash, offset },
+    };
+    let want = frames.send(polyptych_codec::encode(&want)).await;
     want.map_err(|error| error.to_string())?;
-    let mut blob = BytesMut::new();
+    let mut next = offset;
     loop {
         let message = frames.next().await.ok_or("the manager closed it")?;
         let message = message.map_err(|error| error.to_string())?;
         let down = polyptych_protocol::framing::decode::<BulkToServer>(&message)
             .map_err(|error| error.to_string())?;
-        match down {
+        let chunk = match down {
             BulkToServer::Missing { hash, reason } => {
-                return Ok(Err(format!("blob {hash} is not to be had: {reason}")));
+                let missing = Err(format!("blob {hash} is not to be had: {reason}"));
+                // As below.
+                let _ = pieces.try_send(missing);
+                return Ok(());
             }
-            BulkToServer::Chunk(chunk) => {
-                let is_next = chunk.hash == hash && chunk.offset == blob.len() as u64;
-                if !is_next || chunk.total > BLOB_BYTES_MAX || chunk.bytes.is_empty() {
-                    return Err(format!("a piece of blob {hash} came out of order"));
-                }
-                // Grows with what is there, not with what was promised.
-                blob.extend_from_slice(&chunk.bytes);
-                if blob.len() as u64 == chunk.total {
-                    let blob = blob.freeze();
-                    let is_right = BlobHash::of(&blob) == hash;
-                    return Ok(is_right.then_some(blob).ok_or_else(|| {
-                        format!("blob {hash} was damaged on its way or in the manager's store")
-                    }));
-                }
-                if blob.len() as u64 > chunk.total {
-                    return Err(format!("blob {hash} is longer than it was said to be"));
-                }
-            }
+            BulkToServer::Chunk(chunk) => chunk,
+        };
+        let is_next = chunk.hash == hash && chunk.offset == next && !chunk.bytes.is_empty();
+        next += chunk.bytes.len() as u64;
+        if !is_next || next > chunk.total || chunk.total > BLOB_BYTES_MAX {
+            return Err(format!("a piece of blob {hash} came out of order"));
+        }
+        let is_last = next == chunk.total;
+        let piece = Piece { total: chunk.total, bytes: chunk.bytes };
+        if let Err(TrySendError::Full(_)) = pieces.try_send(Ok(piece)) {
+            return Err(format!("blob {hash} came in more than {PIECES_MAX} pieces"));
+        }
+        // Whoever asked may have been told to stop meanwhile; the rest comes all the same.
+        if is_last {
+            return Ok(());
         }
     }
 }

@@ -17,6 +17,7 @@ pub mod frame_scheduler;
 pub mod frame_views;
 mod fullscreen;
 mod loader;
+mod manager_fetch;
 mod mismatch;
 mod monitor;
 mod mouse;

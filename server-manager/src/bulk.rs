@@ -93,7 +93,12 @@ async fn converse(
         };
         match up {
             BulkToManager::Want(hash) => {
-                if send_blob(&mut frames, hash, store, traffic).await.is_err() {
+                if send_blob(&mut frames, (hash, 0), store, traffic).await.is_err() {
+                    return;
+                }
+            }
+            BulkToManager::WantRest { hash, offset } => {
+                if send_blob(&mut frames, (hash, offset), store, traffic).await.is_err() {
                     return;
                 }
             }
@@ -106,17 +111,17 @@ async fn converse(
     }
 }
 
-/// Sends a blob piece by piece, or the reason why it does not come. However slow the link is, one
-/// piece of it is held here.
+/// Sends a blob from an offset on piece by piece, or the reason why it does not come. However slow
+/// the link is, one piece of it is held here.
 async fn send_blob(
     frames: &mut MessageStream<Stream>,
-    hash: BlobHash,
+    (hash, offset): (BlobHash, u64),
     store: &ServedBlobs,
     traffic: &Traffic,
 ) -> std::io::Result<()> {
     let mut next = if store.allowed.contains(hash) {
         let folder = store.folder.clone();
-        off_thread(move || begin(&folder, hash)).await
+        off_thread(move || begin(&folder, hash, offset)).await
     } else {
         Err("it belongs to no wall or scene that this server was sent".to_owned())
     };
@@ -150,10 +155,14 @@ async fn off_thread(
     read.unwrap_or_else(|error| Err(error.to_string()))
 }
 
-fn begin(folder: &BlobStore, hash: BlobHash) -> Result<Option<Piece>, String> {
+fn begin(folder: &BlobStore, hash: BlobHash, offset: u64) -> Result<Option<Piece>, String> {
     let reader = folder.open(hash).map_err(|error| error.to_string())?;
-    let reader =
+    let mut reader =
         reader.ok_or("the manager has lost it; open the scene again, or start the manager")?;
+    reader.skip_to(offset).map_err(|error| error.to_string())?;
+    if offset > 0 && (reader.position() != offset || offset == reader.total()) {
+        return Err(format!("of its {} bytes none begin at {offset}", reader.total()));
+    }
     match go_on(reader)? {
         None => Err("it is empty, which no blob is".to_owned()),
         piece => Ok(piece),

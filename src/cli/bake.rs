@@ -9,7 +9,7 @@ use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_baker::map::{MapUse, bake_map};
 use polyptych_baker::{BakeCache, Baked, Progress, bake};
-use polyptych_files::blob::{BlobHash, StoreUrl};
+use polyptych_files::blob::StoreUrl;
 use polyptych_object_store::Uploaded;
 use polyptych_text::counted;
 use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
@@ -52,8 +52,8 @@ pub(super) struct Arguments {
     sgct_roles: bool,
     /// Put the blobs that are missing there into an object store too, such as
     /// s3://BUCKET/PREFIX; credentials and endpoint come from the environment
-    #[arg(long, value_name = "URL", value_parser = upload::store_url)]
-    upload: Option<StoreUrl>,
+    #[arg(long, value_name = "URL")]
+    upload: Option<String>,
     /// Print what was baked as one line of JSON
     #[arg(long)]
     json: bool,
@@ -80,13 +80,14 @@ enum Use {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let url = arguments.upload.as_deref().map(upload::store_url).transpose()?;
     arguments.memory_mib.map_or(Ok(()), limit_memory)?;
     let cancel = Arc::new(AtomicBool::new(false));
     cancel_on_interrupt(Arc::clone(&cancel), arguments.with_parent)?;
     let store = BakeCache::open(&arguments.output)
         .with_context(|| format!("cannot use {}", arguments.output.display()))?;
     if let Some(used_as) = arguments.used_as {
-        return run_map(arguments, used_as, &store, &cancel);
+        return run_map(arguments, used_as, &store, url.as_ref(), &cancel);
     }
     let bar = ProgressBar::with_draw_target(None, progress::target());
     if let Ok(style) = ProgressStyle::with_template("{msg:>10} {wide_bar} {pos}/{len}") {
@@ -104,11 +105,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let baked = bake(&arguments.file, &store, &mut progress, &cancel);
     bar.finish_and_clear();
     let baked = baked?;
-    let uploaded = match &arguments.upload {
+    let uploaded = match &url {
         None => None,
-        Some(_) => {
+        Some(url) => {
             let blobs = upload::blobs_of_scene(&store, baked.manifest)?;
-            uploaded(arguments, &store, &blobs, &cancel)?
+            Some(upload::upload(url, &store, &blobs, &cancel)?)
         }
     };
     if arguments.json {
@@ -129,23 +130,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     say_notes(&baked.warnings)?;
     say(format_args!("manifest {} in {}", baked.manifest, arguments.output.display()))?;
-    say_uploaded(arguments, uploaded.as_ref())
+    say_uploaded(url.as_ref(), uploaded.as_ref())
 }
 
-/// Uploads these blobs, if the arguments say so.
-fn uploaded(
-    arguments: &Arguments,
-    store: &BakeCache,
-    blobs: &[BlobHash],
-    cancel: &AtomicBool,
-) -> anyhow::Result<Option<Uploaded>> {
-    let url = arguments.upload.as_ref();
-    url.map(|url| upload::upload(url, store, blobs, cancel)).transpose()
-}
-
-fn say_uploaded(arguments: &Arguments, uploaded: Option<&Uploaded>) -> anyhow::Result<()> {
-    let both = arguments.upload.as_ref().zip(uploaded);
-    both.map_or(Ok(()), |(url, uploaded)| upload::say_uploaded(url, uploaded))
+fn say_uploaded(url: Option<&StoreUrl>, uploaded: Option<&Uploaded>) -> anyhow::Result<()> {
+    url.zip(uploaded).map_or(Ok(()), |(url, uploaded)| upload::say_uploaded(url, uploaded))
 }
 
 /// Prints what was baked and uploaded as one line of JSON.
@@ -214,6 +203,7 @@ fn run_map(
     arguments: &Arguments,
     used_as: Use,
     store: &BakeCache,
+    url: Option<&StoreUrl>,
     cancel: &AtomicBool,
 ) -> anyhow::Result<()> {
     let is_shape = |aspect: &f64| aspect.is_finite() && *aspect > 0.0;
@@ -230,13 +220,13 @@ fn run_map(
         Use::Mask => MapUse::Mask,
     };
     let baked = bake_map(&arguments.file, used_as, store, cancel)?;
-    let uploaded = uploaded(arguments, store, &[baked.blob], cancel)?;
+    let uploaded = url.map(|url| upload::upload(url, store, &[baked.blob], cancel)).transpose()?;
     if arguments.json {
         return say_json(&baked, uploaded.as_ref());
     }
     say(&baked.what)?;
     say(format_args!("blob {} in {}", baked.blob, arguments.output.display()))?;
-    say_uploaded(arguments, uploaded.as_ref())
+    say_uploaded(url, uploaded.as_ref())
 }
 
 fn cancel_on_interrupt(cancel: Arc<AtomicBool>, with_parent: bool) -> anyhow::Result<()> {

@@ -152,7 +152,7 @@ async fn connect(local: &LocalWall) -> TcpStream {
 }
 
 /// A scene of one mesh of some 20 MB, more than the system keeps in its socket buffers.
-fn heavy() -> Vec<u8> {
+pub fn heavy() -> Vec<u8> {
     const TRIANGLES: usize = 200_000;
     Gltf::triangle()
         .with(|gltf| {

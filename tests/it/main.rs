@@ -17,6 +17,7 @@
 //! - `outputs`: commands replace regular files only
 //! - `wall_files`: warp maps, masks and archives that others wrote
 //! - `object_stores`: blobs come from S3 servers, and from elsewhere where those fail
+//! - `resumed_transfers`: a blob that was broken off goes on where it was
 //! - `foreign_walls`: files of other systems, point by point
 //! - `first_look`: a scene that was opened is seen whole, large, and neither white nor black
 //! - `seams`: a wall of tiles shows what one channel shows
@@ -83,6 +84,7 @@ mod refusals;
 mod replay;
 mod report;
 mod restarts;
+mod resumed_transfers;
 mod saved_scenes;
 mod scene_commands;
 mod scene_export;

@@ -2,12 +2,14 @@
 
 mod blob_store;
 mod hash;
+mod partial_blob;
 mod reader;
 mod store_url;
 mod temporary;
 
 pub use blob_store::{BlobError, BlobStore};
 pub use hash::BlobHash;
+pub use partial_blob::PartialBlob;
 pub use reader::BlobReader;
 pub use store_url::{StoreScheme, StoreUrl, StoreUrlError};
 pub use temporary::{Abandoned, place, remove_abandoned};

@@ -17,11 +17,17 @@ use crate::progress;
 const CANCEL_PERIOD: Duration = Duration::from_millis(50);
 
 /// Returns the object store that an argument names.
-pub(super) fn store_url(text: &str) -> Result<StoreUrl, String> {
-    let url = StoreUrl::from_text(text).map_err(|error| error.to_string())?;
-    url.ok_or_else(|| {
-        "it is no URL; write s3://BUCKET/PREFIX, or copy the folder `blobs` of a bake".to_owned()
-    })
+///
+/// # Errors
+/// It names none, or holds a secret; the text itself is not repeated.
+pub(super) fn store_url(text: &str) -> anyhow::Result<StoreUrl> {
+    match StoreUrl::from_text(text) {
+        Ok(Some(url)) => Ok(url),
+        Ok(None) => bail!(
+            "--upload: it is no URL; write s3://BUCKET/PREFIX, or copy the folder `blobs` of a bake"
+        ),
+        Err(error) => bail!("--upload: {error}"),
+    }
 }
 
 /// Returns the blobs of a scene that was baked, its manifest behind all others.

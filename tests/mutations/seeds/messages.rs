@@ -509,7 +509,11 @@ fn bulk_ups() -> Vec<BulkToManager> {
         offset: 0,
         bytes: Bytes::from_static(&[3; 256]),
     };
-    vec![BulkToManager::Want(BlobHash([1; 32])), BulkToManager::Picture(chunk)]
+    vec![
+        BulkToManager::Want(BlobHash([1; 32])),
+        BulkToManager::Picture(chunk),
+        BulkToManager::WantRest { hash: BlobHash([1; 32]), offset: 1 << 20 },
+    ]
 }
 
 fn bulk_downs() -> Vec<BulkToServer> {

@@ -36,6 +36,21 @@ impl BlobReader {
         self.total
     }
 
+    /// Reads and hashes the pieces before `offset`, which a peer has already. Its next piece
+    /// begins there, if it is a multiple of [`CHUNK_BYTES_MAX`] below the blob's size.
+    ///
+    /// # Errors
+    /// [`BlobError`] as of [`Self::next_piece`].
+    pub fn skip_to(&mut self, offset: u64) -> Result<(), BlobError> {
+        while self.read < offset && self.next_piece()?.is_some() {}
+        Ok(())
+    }
+
+    /// Returns how many bytes were read.
+    pub fn position(&self) -> u64 {
+        self.read
+    }
+
     /// The next piece, of at most [`CHUNK_BYTES_MAX`] bytes, and its offset; `None` at the end.
     ///
     /// The last piece is only given where all of them together hash to the blob's name.
@@ -81,6 +96,14 @@ mod tests {
             joined.extend_from_slice(&piece);
         }
         assert!(joined == whole && reader.total() == whole.len() as u64);
+
+        let mut reader = folder.open(hash).expect("opened").expect("there");
+        reader.skip_to(CHUNK_BYTES_MAX as u64).expect("read");
+        let (offset, piece) = reader.next_piece().expect("read").expect("the second");
+        assert_eq!(offset, CHUNK_BYTES_MAX as u64);
+        assert_eq!(piece, whole[CHUNK_BYTES_MAX..2 * CHUNK_BYTES_MAX]);
+        reader.skip_to(u64::MAX).expect("read");
+        assert_eq!(reader.position(), reader.total());
 
         let mut damaged = whole;
         damaged[5] ^= 1;

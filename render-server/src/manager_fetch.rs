@@ -1,0 +1,124 @@
+//! Fetches a blob from the manager. What came of a large one is kept on disk piece by piece, so
+//! that a server that is killed, or loses its connection, asks for the rest only.
+
+use std::io;
+use std::sync::mpsc::sync_channel;
+
+use bytes::{Bytes, BytesMut};
+use polyptych_files::blob::{BlobHash, BlobStore, CHUNK_BYTES_MAX, PartialBlob};
+
+use crate::blob_sources::{BlobOrder, wait};
+use crate::bulk::{BulkJob, PIECES_MAX};
+
+/// Smallest blob whose beginning is kept: smaller ones are sent again in the time of a few files.
+const RESUMED_BYTES_MIN: u64 = 4 * CHUNK_BYTES_MAX as u64;
+
+/// Returns a blob, checked, and whether it could be put into its place of the cache; `None` if
+/// that was not tried.
+///
+/// # Errors
+/// The manager does not have it, it was damaged, or the preparation is not wanted any more.
+pub(crate) fn fetch(
+    cache: &BlobStore,
+    hash: BlobHash,
+    order: &BlobOrder<'_>,
+) -> Result<(Bytes, Option<io::Result<()>>), String> {
+    // A cache that can't be read has no beginnings.
+    let begun = PartialBlob::open(cache, hash, false).unwrap_or_default();
+    let had = begun.as_ref().map_or(0, |(_, bytes)| bytes.len());
+    let mut transfer = Transfer::new(begun);
+    match transfer.run(cache, hash, order) {
+        Ok(()) => transfer.finish(cache, hash),
+        Err(Broken::Cancelled(reason)) => Err(reason),
+        Err(Broken::Useless(reason)) => {
+            transfer.discard();
+            if had == 0 {
+                return Err(reason);
+            }
+            tracing::warn!(%hash, had, reason, "a blob is fetched anew, not from its beginning on");
+            let mut transfer = Transfer::new(None);
+            match transfer.run(cache, hash, order) {
+                Ok(()) => transfer.finish(cache, hash),
+                Err(Broken::Cancelled(reason)) => Err(reason),
+                Err(Broken::Useless(reason)) => {
+                    transfer.discard();
+                    Err(reason)
+                }
+            }
+        }
+    }
+}
+
+/// Why a transfer did not give a blob.
+enum Broken {
+    /// The connection has ended, or the preparation is not wanted any more: what came stays.
+    Cancelled(String),
+    /// The bytes are not the blob, or the manager can't give the rest.
+    Useless(String),
+}
+
+/// A blob as far as it has come.
+struct Transfer {
+    bytes: BytesMut,
+    partial: Option<PartialBlob>,
+}
+
+impl Transfer {
+    fn new(begun: Option<(PartialBlob, Vec<u8>)>) -> Self {
+        let (partial, bytes) = begun.unzip();
+        Self { bytes: bytes.unwrap_or_default().as_slice().into(), partial }
+    }
+
+    /// Fetches what is missing, and checks the whole.
+    fn run(
+        &mut self,
+        cache: &BlobStore,
+        hash: BlobHash,
+        order: &BlobOrder<'_>,
+    ) -> Result<(), Broken> {
+        let (pieces, fetched) = sync_channel(PIECES_MAX);
+        let offset = self.bytes.len() as u64;
+        let asked = order.bulk.blocking_send(BulkJob::Fetch { hash, offset, pieces });
+        asked.map_err(|_| Broken::Cancelled("the bulk connection has ended".to_owned()))?;
+        loop {
+            // Pieces may come faster than a wait looks whether they are wanted.
+            (order.check)().map_err(Broken::Cancelled)?;
+            let piece = wait(&fetched, order).map_err(Broken::Cancelled)?;
+            let piece = piece.map_err(Broken::Useless)?;
+            if self.bytes.is_empty() && piece.total >= RESUMED_BYTES_MIN {
+                // Without a file the transfer goes on, but not after its end.
+                let opened = PartialBlob::open(cache, hash, true).unwrap_or_default();
+                self.partial = opened.map(|(partial, _)| partial);
+            }
+            self.bytes.extend_from_slice(&piece.bytes);
+            if self.partial.as_mut().is_some_and(|file| file.append(&piece.bytes).is_err()) {
+                // The disk is full, or was taken away.
+                self.discard();
+            }
+            if self.bytes.len() as u64 >= piece.total {
+                break;
+            }
+        }
+        if BlobHash::of(&self.bytes) == hash {
+            return Ok(());
+        }
+        let reason = format!("blob {hash} was damaged on its way or in the manager's store");
+        Err(Broken::Useless(reason))
+    }
+
+    /// Forgets what came.
+    fn discard(&mut self) {
+        if let Some(partial) = self.partial.take() {
+            partial.discard();
+        }
+    }
+
+    fn finish(
+        self,
+        cache: &BlobStore,
+        hash: BlobHash,
+    ) -> Result<(Bytes, Option<io::Result<()>>), String> {
+        let placed = self.partial.map(|partial| partial.place(cache, hash));
+        Ok((self.bytes.freeze(), placed))
+    }
+}
