@@ -280,3 +280,6 @@ pub(crate) fn wait<T>(answer: &Receiver<T>, order: &BlobOrder<'_>) -> Result<T, 
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

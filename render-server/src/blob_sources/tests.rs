@@ -1,0 +1,67 @@
+use std::cell::Cell;
+use std::net::TcpListener;
+use std::time::Instant;
+
+use super::*;
+
+/// The largest time that a fetch may take to end when it is not wanted any more: well below the
+/// time that a silent store is given.
+const SOON: Duration = Duration::from_secs(5);
+
+struct Fixture {
+    sources: BlobSources,
+    _root: tempfile::TempDir,
+}
+
+/// An empty cache, a folder with a blob, and a store that takes connections and never answers.
+fn fixture() -> (Fixture, TcpListener, BlobHash) {
+    let root = tempfile::tempdir().expect("a temporary folder");
+    let silent = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let folder = root.path().join("folder").to_str().expect("text").to_owned();
+    let here = BlobStore::new(folder.as_str()).write(b"harbour").expect("written");
+    let mut sources = BlobSources::new(BlobStore::new(root.path().join("cache")));
+    let store = format!("http://{}/blobs", silent.local_addr().expect("an address"));
+    sources.set_stores(&[store, folder]);
+    (Fixture { sources, _root: root }, silent, here)
+}
+
+#[test]
+fn a_fetch_from_a_silent_store_ends_when_it_is_not_wanted_any_more() {
+    let (fixture, _silent, here) = fixture();
+    let (bulk, _jobs) = mpsc::channel(1);
+    let looks = Cell::new(0);
+    let check = || {
+        looks.set(looks.get() + 1);
+        if looks.get() > 3 { Err("not wanted".to_owned()) } else { Ok(()) }
+    };
+    let order = BlobOrder { bulk: &bulk, check: &check };
+    let began = Instant::now();
+    let missing = BlobHash([7; 32]);
+    let got = fixture.sources.blob(missing, &order);
+    assert_eq!(got, Err("not wanted".to_owned()));
+    looks.set(0);
+    let mut given = Vec::new();
+    let each = fixture.sources.each([(here, 1), (missing, 2)], &order, |of, bytes| {
+        given.push((of, bytes));
+        Ok(())
+    });
+    assert_eq!(each, Err("not wanted".to_owned()));
+    assert_eq!(given, [(1, Bytes::from_static(b"harbour"))], "folders are not behind stores");
+    assert!(began.elapsed() < SOON, "{:?}", began.elapsed());
+}
+
+#[test]
+fn urls_that_name_no_store_are_told_and_do_no_harm() {
+    let (mut fixture, _silent, here) = fixture();
+    assert_eq!(fixture.sources.news(), None, "nothing was asked of the store yet");
+    let folder = fixture.sources.folders[0].root().to_str().expect("text").to_owned();
+    fixture.sources.set_stores(&["s3://key:hidden@b".to_owned(), folder]);
+    let news = fixture.sources.news().expect("news").expect("a warning");
+    assert!(news.contains("AWS_SECRET_ACCESS_KEY") && !news.contains("hidden"), "{news}");
+    let (bulk, _jobs) = mpsc::channel(1);
+    let order = BlobOrder { bulk: &bulk, check: &|| Ok(()) };
+    assert_eq!(fixture.sources.blob(here, &order), Ok(Bytes::from_static(b"harbour")));
+    fixture.sources.set_stores(&[]);
+    assert_eq!(fixture.sources.news(), Some(None), "all is well");
+    assert_eq!(fixture.sources.news(), None);
+}
