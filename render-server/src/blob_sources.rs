@@ -14,6 +14,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use polyptych_files::blob::{Abandoned, BLOB_BYTES_MAX, BlobHash, BlobStore, StoreUrl};
 use polyptych_object_store::RemoteStore;
+use polyptych_protocol::server_message::ServerMessage;
 use tokio::runtime::Runtime;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
@@ -135,12 +136,12 @@ impl BlobSources {
     }
 
     /// Returns what the manager is to be told of stores, if that is another sentence than before
-    /// or it may have come over a connection that is gone: `Some(None)` says that all is well.
-    pub fn news(&mut self) -> Option<Option<String>> {
+    /// or it may have gone over a connection that has ended.
+    pub fn news(&mut self) -> Option<ServerMessage> {
         let warnings: Vec<String> = self.stores.iter().filter_map(WatchedStore::warning).collect();
         let warning = (!warnings.is_empty()).then(|| warnings.join("; "));
         let before = std::mem::replace(&mut self.told, warning.clone());
-        (warning.is_some() || before.is_some()).then_some(warning)
+        (warning.is_some() || before.is_some()).then_some(ServerMessage::Storage { warning })
     }
 
     /// Gives each of these blobs in order, while the following ones are fetched from stores.

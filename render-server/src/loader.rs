@@ -180,8 +180,7 @@ impl Loader {
             };
             // The connection may be gone; the next one gets a new order.
             let _ = line.reports.blocking_send(RenderEvent::Status(status));
-            if let Some(warning) = self.sources.news() {
-                let status = ServerMessage::Storage { warning };
+            if let Some(status) = self.sources.news() {
                 let _ = line.reports.blocking_send(RenderEvent::Status(status));
             }
         }

@@ -28,7 +28,7 @@ pub(crate) fn fetch(
     let had = begun.as_ref().map_or(0, |(_, bytes)| bytes.len());
     let mut transfer = Transfer::new(begun);
     match transfer.run(cache, hash, order) {
-        Ok(()) => transfer.finish(cache, hash),
+        Ok(()) => Ok(transfer.finish(cache, hash)),
         Err(Broken::Cancelled(reason)) => Err(reason),
         Err(Broken::Useless(reason)) => {
             transfer.discard();
@@ -38,7 +38,7 @@ pub(crate) fn fetch(
             tracing::warn!(%hash, had, reason, "a blob is fetched anew, not from its beginning on");
             let mut transfer = Transfer::new(None);
             match transfer.run(cache, hash, order) {
-                Ok(()) => transfer.finish(cache, hash),
+                Ok(()) => Ok(transfer.finish(cache, hash)),
                 Err(Broken::Cancelled(reason)) => Err(reason),
                 Err(Broken::Useless(reason)) => {
                     transfer.discard();
@@ -113,12 +113,8 @@ impl Transfer {
         }
     }
 
-    fn finish(
-        self,
-        cache: &BlobStore,
-        hash: BlobHash,
-    ) -> Result<(Bytes, Option<io::Result<()>>), String> {
+    fn finish(self, cache: &BlobStore, hash: BlobHash) -> (Bytes, Option<io::Result<()>>) {
         let placed = self.partial.map(|partial| partial.place(cache, hash));
-        Ok((self.bytes.freeze(), placed))
+        (self.bytes.freeze(), placed)
     }
 }

@@ -10,7 +10,7 @@ use polyptych_object_store::{FaultKind, RemoteStore, StoreFault};
 /// First and longest time for which a store that failed is not asked: a preparation of a thousand
 /// blobs meets a dead store once, and one that was restarted is found again within minutes.
 const STORE_RETRY_FIRST: Duration = Duration::from_secs(5);
-const STORE_RETRY_LONGEST: Duration = Duration::from_secs(300);
+const STORE_RETRY_LONGEST: Duration = Duration::from_mins(5);
 
 /// Damaged objects in a row after which the whole store is taken to be damaged.
 const DAMAGED_MAX: u32 = 8;

@@ -56,12 +56,18 @@ fn urls_that_name_no_store_are_told_and_do_no_harm() {
     assert_eq!(fixture.sources.news(), None, "nothing was asked of the store yet");
     let folder = fixture.sources.folders[0].root().to_str().expect("text").to_owned();
     fixture.sources.set_stores(&["s3://key:hidden@b".to_owned(), folder]);
-    let news = fixture.sources.news().expect("news").expect("a warning");
+    let Some(ServerMessage::Storage { warning: Some(news) }) = fixture.sources.news() else {
+        panic!("no warning");
+    };
     assert!(news.contains("AWS_SECRET_ACCESS_KEY") && !news.contains("hidden"), "{news}");
     let (bulk, _jobs) = mpsc::channel(1);
     let order = BlobOrder { bulk: &bulk, check: &|| Ok(()) };
     assert_eq!(fixture.sources.blob(here, &order), Ok(Bytes::from_static(b"harbour")));
     fixture.sources.set_stores(&[]);
-    assert_eq!(fixture.sources.news(), Some(None), "all is well");
+    assert_eq!(
+        fixture.sources.news(),
+        Some(ServerMessage::Storage { warning: None }),
+        "all is well"
+    );
     assert_eq!(fixture.sources.news(), None);
 }

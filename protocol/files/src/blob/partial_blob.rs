@@ -18,7 +18,7 @@ const FOLDER: &str = "partial";
 const SUFFIX: &str = ".part";
 
 /// Longest time for which a beginning is kept: the scene is another one by then.
-const PARTIAL_TIME_MAX: Duration = Duration::from_secs(7 * 24 * 3600);
+const PARTIAL_TIME_MAX: Duration = Duration::from_hours(7 * 24);
 
 /// Bytes of all beginnings that are kept: two of the largest blobs.
 const PARTIAL_BYTES_MAX: u64 = 4 << 30;
@@ -156,7 +156,7 @@ mod tests {
     #[test]
     fn old_beginnings_and_those_beyond_the_bound_are_removed() {
         let (_root, store) = store();
-        let day = Duration::from_secs(24 * 3600);
+        let day = Duration::from_hours(24);
         let sizes = [(0, 1 << 30), (1, 2 << 30), (2, 2 << 30), (3, 1 << 30), (8, 1)];
         let hashes = sizes.map(|(days, bytes)| {
             let hash = BlobHash([days as u8; 32]);
