@@ -152,7 +152,9 @@ fn a_scene_whose_blobs_are_only_in_an_object_store_is_drawn() {
     // Nor has the manager any of them from here on.
     let baked = blobs_in(&fixture.local.place.path("cache/polyptych/store/blobs"));
     assert!(!baked.is_empty());
-    baked.iter().for_each(|blob| fs::remove_file(blob).expect("removed"));
+    for blob in &baked {
+        fs::remove_file(blob).expect("removed");
+    }
     fixture.restart_server(&store.environment());
     check("from S3 alone", &fixture.picture(), expected(), &IDENTICAL);
     assert_eq!(fixture.sent_by_manager(), 0.0);
