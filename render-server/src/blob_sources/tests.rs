@@ -1,3 +1,5 @@
+//! Fetches that are not wanted any more, and URLs that name no store.
+
 use std::cell::Cell;
 use std::net::TcpListener;
 use std::time::Instant;
