@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
+use polyptych_client::blocking::Pending;
 use polyptych_client::glam::DVec3;
-use polyptych_client::{Bounds, Camera, QualityBounds, fit_bounds};
+use polyptych_client::{Bounds, Camera, QualityBounds, Request, Response, fit_bounds};
 use polyptych_manager::recorder::Recorder;
 use polyptych_text::counted;
 use polyptych_wall::Wall;
