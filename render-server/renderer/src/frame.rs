@@ -23,7 +23,7 @@ use super::view::{AllowedError, FrameUniform, LocalLightRecord, ViewDesc};
 use super::{DrawError, DrawStats, albedo};
 use frame_buffer::{FrameBuffer, is_too_large};
 pub(crate) use hidden_items::OcclusionMemory;
-use hidden_items::{ShownView, encode_behind, has_enough};
+use hidden_items::{ShownView, encode_behind};
 
 /// A frame that takes longer is taken for a GPU that hangs.
 const GPU_WAIT_MAX: Duration = Duration::from_secs(30);
@@ -141,8 +141,8 @@ impl FrameResources {
             shown.push((view, VisibleItems::new(scene, view, rectangle)));
         }
         let found = start.elapsed();
-        let has_enough = has_enough(&shown);
-        let occluders = occluders.filter(|(_, when)| has_enough && target.occlusion.is_used(*when));
+        let items = shown.iter().map(|(_, visible)| visible.items.len()).sum();
+        let occluders = occluders.filter(|(_, when)| target.occlusion.is_used(*when, items));
         let mut hidden = None;
         if let Some((occluders, _)) = occluders {
             let found = self.leave_out_hidden(gpu, occluders, scene, target, &mut shown)?;
@@ -180,7 +180,7 @@ impl FrameResources {
         wait(gpu, index)?;
         let frame = start.elapsed();
         let us = |duration: Duration| duration.as_micros() as u64;
-        target.occlusion.record(has_enough, us(frame));
+        target.occlusion.record(items, us(frame));
         let occluded = hidden.map_or(0, |(_, hidden)| hidden.count);
         let visible: u32 = lists.iter().map(|list| list.visible).sum();
         Ok(DrawStats {

@@ -16,8 +16,9 @@ use crate::scene::GpuScene;
 use crate::target::Target;
 use crate::view::ViewDesc;
 
-/// Items of a frame below which nothing is left out: one hides nothing but itself.
-const ITEMS_MIN: usize = 2;
+/// Items of a frame below which it is not tried whether leaving some out is faster: a trial may
+/// double a frame's time, and what few items hide of each other is little.
+const TRIED_ITEMS_MIN: usize = 64;
 
 /// The least radius of an occluder, as a share of half of the picture's height: a smaller one hides
 /// less than it costs to draw twice.
@@ -44,18 +45,19 @@ pub(crate) struct OcclusionMemory {
 }
 
 impl OcclusionMemory {
-    /// Returns whether the next frame leaves out what is hidden.
-    pub(super) fn is_used(&self, when: OcclusionCulling) -> bool {
+    /// Returns whether the next frame, which may show so many items, leaves out what is hidden.
+    pub(super) fn is_used(&self, when: OcclusionCulling, items: usize) -> bool {
         match when {
             OcclusionCulling::Never => false,
-            OcclusionCulling::WhereFaster => self.trial.is_culling(),
+            OcclusionCulling::WhereFaster => items >= TRIED_ITEMS_MIN && self.trial.is_culling(),
             OcclusionCulling::Always => true,
         }
     }
 
-    /// Takes the time of a frame, if it could have been drawn either way.
-    pub(super) fn record(&mut self, has_enough: bool, frame_us: u64) {
-        if has_enough {
+    /// Takes the time of a frame that may show so many items, if it could have been drawn either
+    /// way.
+    pub(super) fn record(&mut self, items: usize, frame_us: u64) {
+        if items >= TRIED_ITEMS_MIN {
             self.trial.record(frame_us);
         }
     }
@@ -64,11 +66,6 @@ impl OcclusionMemory {
         let bits = self.hidden.get(view).and_then(|bits| bits.get(item as usize / 64));
         bits.is_some_and(|bits| bits >> (item % 64) & 1 == 1)
     }
-}
-
-/// Returns whether some items of a frame may hide others.
-pub(super) fn has_enough(shown: &[ShownView<'_>]) -> bool {
-    shown.iter().map(|(_, visible)| visible.items.len()).sum::<usize>() >= ITEMS_MIN
 }
 
 impl FrameResources {
