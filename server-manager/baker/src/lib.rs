@@ -278,7 +278,7 @@ impl BakeJob<'_> {
         };
         check_expansion(&scene.nodes, polyptych_scene::draws(&scene.nodes, primitives))?;
         let mut palette = Palette::default();
-        let borders = SharedBorders::find(self, &meshes, &scene.nodes, &world);
+        let borders = SharedBorders::find(self, &meshes, &scene.nodes, &world)?;
         scene.meshes = mesh::write_all(self, &mut palette, (&meshes, &borders), &scales)?;
         self.check_anything_is_drawn(&scene.meshes)?;
         let mesh_of: BTreeMap<u32, u32> = scales.keys().copied().zip(0..).collect();

@@ -67,7 +67,7 @@ pub(super) fn write_all(
     let mut drafts = Vec::with_capacity(scales.len());
     for (number, used, json, scale) in used() {
         let is_shared = |position: [f32; 3]| borders.is_shared(number, position);
-        let border = borders.concern(number).then_some(number);
+        let border = borders.has_shared(number).then_some(number);
         let (mut keys, mut all_needs, mut materials) = (Vec::new(), Vec::new(), Vec::new());
         for (i, primitive) in json.primitives.iter().enumerate() {
             let place = format!("meshes[{}].primitives[{i}]", used.mesh);

@@ -6,6 +6,7 @@ use glam::{DAffine3, DVec3, Vec3};
 use polyptych_scene::{Node, Topology};
 
 use super::accessor::Accessor;
+use super::error::BakeError;
 use super::pose::Meshes;
 use super::{BakeJob, document, topology};
 
@@ -26,12 +27,15 @@ pub(super) struct SharedBorders {
 
 impl SharedBorders {
     /// Looks for the borders of the meshes that these nodes draw once.
+    ///
+    /// # Errors
+    /// [`BakeError::Cancelled`].
     pub fn find(
         job: &BakeJob<'_>,
         uses: &Meshes,
         nodes: &[Node],
         world_from_nodes: &[DAffine3],
-    ) -> Self {
+    ) -> Result<Self, BakeError> {
         let mut world_from_mesh: BTreeMap<u32, Option<DAffine3>> = BTreeMap::new();
         for (node, world) in nodes.iter().zip(world_from_nodes) {
             if let Some(mesh) = node.mesh {
@@ -43,6 +47,7 @@ impl SharedBorders {
             world_from_mesh.into_iter().filter_map(|(mesh, world)| Some((mesh, world?))).collect();
         let mut borders = Vec::new();
         for (mesh, world) in &world_from_mesh {
+            job.check()?;
             let json = uses.uses.get(*mesh as usize).filter(|used| used.pose.is_none());
             let json = json.and_then(|used| job.source.document.meshes.get(used.mesh as usize));
             let points = json.map(|json| border(job, json)).unwrap_or_default();
@@ -63,7 +68,7 @@ impl SharedBorders {
         let meets = |(position, mesh): (DVec3, u32)| found.meets(mesh, position).then_some(mesh);
         let meeting: BTreeSet<u32> = borders.into_iter().filter_map(meets).collect();
         found.world_from_mesh.retain(|mesh, _| meeting.contains(mesh));
-        found
+        Ok(found)
     }
 
     fn cell(&self, at: DVec3) -> [i64; 3] {
@@ -71,7 +76,7 @@ impl SharedBorders {
     }
 
     /// Returns whether other meshes end at positions where a mesh ends.
-    pub fn concern(&self, mesh: u32) -> bool {
+    pub fn has_shared(&self, mesh: u32) -> bool {
         self.world_from_mesh.contains_key(&mesh)
     }
 
