@@ -27,7 +27,7 @@ use crate::watched_store::{Fetched, WatchedStore};
 /// Bytes of blobs that are kept on disk when a server starts: several large scenes.
 const CACHE_BYTES_MAX: u64 = 16 << 30;
 
-/// How often a preparation that waits for a blob looks whether it is still wanted.
+/// The period in which a preparation that waits for a blob looks whether it is still wanted.
 const CHECK_PERIOD: Duration = Duration::from_millis(50);
 
 /// Blobs that are fetched from stores at a time: most of a request's time is spent waiting.
@@ -48,7 +48,7 @@ pub(crate) struct BlobOrder<'a> {
 #[derive(Debug)]
 pub(crate) struct BlobSources {
     cache: BlobStore,
-    /// Whether the cache's last write failed: said once, not for each of ten thousand blobs.
+    /// `true` if the cache's last write failed: said once, not for each of ten thousand blobs.
     is_cacheless: AtomicBool,
     /// The wall's list, from which the following were made.
     named: Vec<String>,
@@ -56,7 +56,7 @@ pub(crate) struct BlobSources {
     stores: Arc<[WatchedStore]>,
     /// The thread on which stores are asked, if there are any.
     runtime: Option<Runtime>,
-    /// What the manager was told of stores.
+    /// The last warning about stores that the manager was told.
     told: Option<String>,
 }
 

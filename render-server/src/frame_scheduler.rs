@@ -112,7 +112,7 @@ impl FrameScheduler {
             return Some(show);
         }
         if manager_us.is_some() && self.next_show_us().is_some() {
-            // What is drawn first would be shown late for it.
+            // A frame that is drawn first would be shown late for it.
             return None;
         }
         let frame = self.waiting_frames.pop_front()?;
@@ -144,7 +144,7 @@ impl FrameScheduler {
         *self = Self { shown: self.shown, ..Self::default() };
     }
 
-    /// Whether the wall has swapped this frame, or a later one.
+    /// Returns whether the wall has swapped this frame, or a later one.
     fn is_swapped(&self, (epoch, frame): FrameKey) -> bool {
         self.swapped.is_some_and(|(of, newest)| of == epoch && newest >= frame)
     }

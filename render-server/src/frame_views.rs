@@ -41,7 +41,7 @@ impl ViewTransform {
             ViewProjection::Perspective { .. } => {
                 AllowedError { angle_rad: allowed, ..AllowedError::NONE }
             }
-            // Of the head and not of this channel's eye, which may be the middle one, or, near a
+            // The head's and not this channel's eye's, which may be the middle one, or, near a
             // dome's pole, nearer to it than others.
             ViewProjection::Wall => AllowedError {
                 angle_rad: allowed,

@@ -201,7 +201,7 @@ impl RenderThread {
         (self.clock.error_us() != u32::MAX).then(|| self.clock.manager_us())
     }
 
-    /// Whether this instant of manager time is ahead, as far as it is known.
+    /// Returns whether this instant of manager time is ahead, as far as it is known.
     fn is_before(&self, at_us: u64) -> bool {
         self.manager_us().is_some_and(|now| now < at_us)
     }
@@ -278,7 +278,7 @@ impl RenderThread {
                     self.outputs.iter_mut().for_each(|output| output.keep_aside(&self.gpu, key));
                 }
                 self.draw(&frame);
-                // Where the next frame is here already, this thread would never wait for uploads.
+                // If the next frame is here already, this thread would never wait for uploads.
                 if let Ok(upload) = self.queues.uploads.try_recv() {
                     self.upload(upload);
                 }

@@ -15,7 +15,7 @@ const STORE_RETRY_LONGEST: Duration = Duration::from_mins(5);
 /// Damaged objects in a row after which the whole store is taken to be damaged.
 const DAMAGED_MAX: u32 = 8;
 
-/// What stores gave.
+/// The outcome of asking stores.
 #[derive(Debug)]
 pub(crate) enum Fetched {
     /// The blob, checked.
@@ -33,7 +33,7 @@ pub(crate) struct WatchedStore {
     health: Mutex<Health>,
 }
 
-/// How a store has behaved.
+/// The behaviour of a store so far.
 #[derive(Debug, Default)]
 struct Health {
     /// Failures since it last gave an answer.

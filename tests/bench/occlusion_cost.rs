@@ -75,7 +75,7 @@ fn processor_ms() -> f64 {
     numbers.filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() * 10.0
 }
 
-/// What is drawn with or without.
+/// The frames that are drawn with or without.
 struct Run {
     name: &'static str,
     renderer: Renderer,

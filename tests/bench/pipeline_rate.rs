@@ -16,7 +16,7 @@ const ROUNDS: usize = 3;
 
 const FRAMES: &str = "150";
 
-/// What one run measured.
+/// The measures of one run.
 struct Run {
     frames_per_second: f64,
     draw_ms: f64,

@@ -69,7 +69,7 @@ impl S3Server {
         Self { endpoint, folder, requests, running: Some((stop, thread)) }
     }
 
-    /// What a process that uses it has in its environment.
+    /// The environment of a process that uses it.
     pub fn environment(&self) -> [(&str, &str); 5] {
         [
             ("AWS_ENDPOINT", &self.endpoint),

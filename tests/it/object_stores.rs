@@ -124,7 +124,7 @@ impl Fixture {
     }
 }
 
-/// What every wall here must show.
+/// The picture that every wall here must show.
 fn expected() -> &'static RgbaImage {
     static PICTURE: OnceLock<RgbaImage> = OnceLock::new();
     PICTURE.get_or_init(|| {

@@ -1,4 +1,4 @@
-//! What others hide is left out of frames, and no picture tells.
+//! Items that others hide are left out of frames, and no picture tells.
 
 use serde_json::Value;
 

@@ -8,7 +8,7 @@ use polyptych_files::blob::{StoreScheme, StoreUrl};
 /// Longest part of a store's own words that is repeated, in characters.
 const WORDS_MAX: usize = 200;
 
-/// What a fault says of the store.
+/// The meaning of a fault for the store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FaultKind {
     /// The store cannot be reached, refuses, or does not answer: the next blob would not come
@@ -26,11 +26,11 @@ pub enum FaultKind {
 pub struct StoreFault {
     /// The store.
     pub url: StoreUrl,
-    /// What happened.
+    /// The event.
     pub reason: String,
-    /// What mends it.
+    /// The remedy.
     pub fix: String,
-    /// What it says of the store.
+    /// Its meaning for the store.
     pub kind: FaultKind,
 }
 
@@ -78,7 +78,7 @@ impl StoreFault {
     }
 }
 
-/// What lets a process in.
+/// The settings that let a process in.
 fn allow(scheme: StoreScheme) -> String {
     match scheme.credentials() {
         "" => "let this machine read the folder without a password".to_owned(),
@@ -89,7 +89,7 @@ fn allow(scheme: StoreScheme) -> String {
     }
 }
 
-/// What lets a process reach the store.
+/// The settings that let a process reach the store.
 fn reach(scheme: StoreScheme) -> String {
     let more = match scheme {
         StoreScheme::S3 => ", AWS_ENDPOINT, AWS_REGION and, without TLS, AWS_ALLOW_HTTP=true",

@@ -10,7 +10,7 @@ use crate::store_fault::StoreFault;
 /// which are spent waiting. With parts of 8 MiB they hold 128 MiB at most.
 const UPLOADS_MAX: usize = 8;
 
-/// What an upload came to.
+/// The outcome of an upload.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Uploaded {
     /// Blobs that were sent.

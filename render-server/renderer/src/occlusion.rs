@@ -16,7 +16,7 @@ use super::view::ViewDesc;
 pub enum OcclusionCulling {
     /// Never.
     Never,
-    /// Where frames take less time so, as measured now and then.
+    /// If frames take less time so, as measured now and then.
     #[default]
     WhereFaster,
     /// In every frame.

@@ -1,4 +1,4 @@
-//! Whether leaving out what is hidden makes the frames of a target faster, by trying both.
+//! Trials of leaving out what is hidden: a target keeps the way in which its frames are faster.
 
 /// Frames before the first trial: the first ones fill caches.
 const FIRST_TRIAL_AFTER: u32 = 4;

@@ -104,7 +104,7 @@ impl Cluster {
         all.chain(self.storage_warnings()).chain(slow).collect()
     }
 
-    /// What servers say of object stores: once for all that say the same.
+    /// The warnings of servers about object stores: once for all that say the same.
     fn storage_warnings(&self) -> Vec<String> {
         let mut told = BTreeMap::<&str, Vec<&str>>::new();
         for (_, server) in self.registry.servers() {

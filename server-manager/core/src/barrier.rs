@@ -91,7 +91,7 @@ pub(super) struct Barrier {
     pub began: Micros,
     /// When it began or the frame before it was swapped, whichever is later.
     pub turn: Micros,
-    /// How long it waits from its turn on.
+    /// The time for which it waits from its turn on.
     wait: Micros,
     /// How long it waits while nobody has drawn: longer where all are late, of whom one may hang.
     patience: Micros,
@@ -128,7 +128,7 @@ struct Participants {
 }
 
 impl Barrier {
-    /// How long it waits from its turn on, as far as is known now.
+    /// Returns the time for which it waits from its turn on, as far as is known now.
     pub fn length(&self) -> Micros {
         if self.drawn.is_empty() { self.patience } else { self.wait }
     }
@@ -138,7 +138,7 @@ impl Barrier {
         self.turn + self.length()
     }
 
-    /// Whether another frame may be sent behind it.
+    /// Returns whether another frame may be sent behind it.
     pub fn is_ordinary(&self) -> bool {
         !self.is_untypical && !self.is_all_late
     }

@@ -436,7 +436,7 @@ impl Cluster {
         let is_over = |barrier: &Barrier| barrier.is_complete() || now >= barrier.deadline();
         if self.pipeline.oldest().is_some_and(is_over) {
             self.finish_frame(now);
-            // What was drawn ahead of its turn may be shown now.
+            // A frame that was drawn ahead of its turn may be shown now.
             if self.pipeline.oldest().is_some_and(Barrier::is_complete) {
                 self.finish_frame(now);
             }

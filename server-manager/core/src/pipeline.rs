@@ -83,7 +83,7 @@ impl Pipeline {
 }
 
 impl Cluster {
-    /// Whether a frame may begin now.
+    /// Returns whether a frame may begin now.
     ///
     /// Beside another one it may if the pipeline is deep enough and both are ordinary. A capture
     /// has the wall for itself, before and behind: reading pictures back holds up the render

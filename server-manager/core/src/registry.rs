@@ -48,7 +48,7 @@ pub(super) struct ServerEntry {
     pub prepared: Option<Revision>,
     /// What it was sent and has not answered yet.
     pub owes: Option<Owed>,
-    /// What its server says of the wall's object stores.
+    /// The warning of its server about the wall's object stores.
     pub storage_warning: Option<String>,
     /// What it owes too, though nobody wants it any more. Nothing is sent beside both.
     pub obsolete: Option<Revision>,

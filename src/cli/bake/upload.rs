@@ -13,7 +13,7 @@ use polyptych_text::counted;
 use crate::cli::say;
 use crate::progress;
 
-/// How often an upload looks whether it was interrupted.
+/// The period in which an upload looks whether it was interrupted.
 const CANCEL_PERIOD: Duration = Duration::from_millis(50);
 
 /// Returns the object store that an argument names.

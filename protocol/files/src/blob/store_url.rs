@@ -58,9 +58,9 @@ pub struct StoreUrl {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{problem}; {fix}")]
 pub struct StoreUrlError {
-    /// What is wrong, without the URL if it may hold a secret.
+    /// The fault, without the URL if it may hold a secret.
     pub problem: String,
-    /// What would be right.
+    /// The form that would be right.
     pub fix: String,
 }
 
@@ -68,7 +68,7 @@ fn wrong(problem: impl Into<String>, fix: impl Into<String>) -> StoreUrlError {
     StoreUrlError { problem: problem.into(), fix: fix.into() }
 }
 
-/// What every refusal of a form recommends.
+/// The remedy that every refusal of a form names.
 const FORMS: &str = "write s3://BUCKET/PREFIX, gs://BUCKET/PREFIX, az://CONTAINER/PREFIX or \
                      https://HOST/PREFIX, or the path of a folder";
 
@@ -100,7 +100,7 @@ impl StoreUrl {
     fn from_rest(scheme: StoreScheme, rest: &str) -> Result<Self, StoreUrlError> {
         let name = scheme.row().1;
         let (bucket, prefix) = rest.split_once('/').unwrap_or((rest, ""));
-        // What follows may hold a secret, so that the messages show nothing of it.
+        // The rest may hold a secret, so that the messages show nothing of it.
         if bucket.contains('@') {
             return Err(wrong(
                 format!("the {name} URL has a user name or a password before \"@\""),

@@ -2,7 +2,7 @@
 
 use crate::gpu::Gpu;
 
-/// How many times more than a frame needs is kept for the next ones: a camera that looks away and
+/// The factor of what a frame needs that is kept for the next ones: a camera that looks away and
 /// back costs nothing, and a heavy scene leaves its memory when another one is shown.
 const KEPT_FACTOR: u64 = 16;
 

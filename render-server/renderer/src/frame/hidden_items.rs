@@ -27,7 +27,7 @@ const OCCLUDER_RADIUS_MIN: f64 = 0.02;
 /// A view, with the items that it may show.
 pub(super) type ShownView<'a> = (&'a ViewDesc, VisibleItems);
 
-/// What was found to be hidden in a frame.
+/// The items that were found to be hidden in a frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HiddenItems {
     pub count: u32,
@@ -35,7 +35,7 @@ pub(super) struct HiddenItems {
     touched: [u32; 4],
 }
 
-/// What a target keeps from frame to frame to find hidden items. No picture depends on it.
+/// The memory of a target from frame to frame of what was hidden. No picture depends on it.
 #[derive(Debug, Default)]
 pub(crate) struct OcclusionMemory {
     textures: Option<OccluderTarget>,

@@ -1,4 +1,4 @@
-// What is made of the depth of occluders. A line that ends in `//? many` is there where pixels have
+// Passes over the depth of occluders. A line that ends in `//? many` is there where pixels have
 // several samples, and one with `//? single` where they have one.
 
 @group(1) @binding(0) var occluders: texture_depth_2d; //? single

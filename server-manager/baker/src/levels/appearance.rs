@@ -7,7 +7,8 @@
 //! difference, as a length on the surface: so what is measured is the distance of a vertex to the
 //! coarser surface where each point has its place in space and on the textures. Colours of vertices
 //! count likewise: as far as it is to where that colour is. At a seam, the side that fits is taken.
-//! What nothing fits any more, since its whole chart is left out, is counted by the chart's width.
+//! A vertex that nothing fits any more, since its whole chart is left out, counts by the chart's
+//! width.
 //! A colour that is off by a share of all that a component can be counts as a slide over as large a
 //! share of the surface's width.
 //!

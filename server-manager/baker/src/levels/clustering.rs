@@ -124,7 +124,8 @@ fn keeps_locked(
     [before, after]: [&[u32]; 2],
     is_locked: impl Fn(u32) -> bool,
 ) -> bool {
-    // Vertices that were added stand elsewhere than where they were, so never at a locked place.
+    // A vertex of the source at a locked place stays as it is; added ones that come there do not
+    // count, which errs on the side of no replacement.
     let kept: HashSet<u32> =
         after.iter().filter_map(|at| source.welded.get(*at as usize)).copied().collect();
     let mut locked = before.iter().filter(|vertex| is_locked(**vertex));

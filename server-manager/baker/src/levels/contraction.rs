@@ -33,7 +33,7 @@ struct Quadric {
 }
 
 impl Quadric {
-    /// Of the plane through a point with this normal, of unit length.
+    /// The quadric of the plane through a point with this normal, of unit length.
     fn of_plane(normal: DVec3, point: DVec3) -> Self {
         let offset = -normal.dot(point);
         let [x, y, z] = [normal * normal.x, normal * normal.y, normal * normal.z];

@@ -54,7 +54,7 @@ pub(super) struct Patch<'a> {
     welded: Vec<u32>,
     /// The position that each vertex has in the triangles that are simplified, as `welded`.
     places: Vec<u32>,
-    /// What of `current` stands at the position of each vertex.
+    /// The triangles of `current` that stand at the position of each vertex.
     neighbors: Vec<Neighbors>,
     looks: VertexList,
 }
@@ -375,7 +375,7 @@ impl<'a> Patch<'a> {
             list.extend(corners);
         }
         if parts.kept.is_empty() && !after.is_empty() {
-            // What is there now must be near to something that was.
+            // All that is there now must be near to something that was.
             return Parts { kept: before.to_vec(), removed: Vec::new() };
         }
         parts.removed = removed.into_values().collect();

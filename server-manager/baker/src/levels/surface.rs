@@ -33,7 +33,7 @@ impl Surface<'_> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct VertexRow<'a> {
     pub layout: VertexLayout,
-    /// Of `layout`.
+    /// The numbers, in the order of `layout`.
     pub floats: &'a [f32],
 }
 

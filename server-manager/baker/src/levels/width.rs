@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 
-/// Returns the diameter of a cylinder without ends that holds all points: at most the diagonal of
-/// the box around them, and for a strip or a bar its width. What vanishes as if it shrank to the
-/// axis moves by half of it. 0 without points.
+/// Returns the diameter of an endless cylinder that holds all points: for a strip or a bar up to
+/// twice its width, and never above √2 times the largest distance between two points. A part that
+/// shrinks to the cylinder's axis moves by half of it. 0 without points.
 ///
-/// The axis runs through the middle of the two ends that are found by going from a point to the
-/// farthest one, and from there to the farthest again.
+/// The axis has the direction between two points that are found by going from one to the farthest,
+/// and from there to the farthest again; it runs through the middle of the points across it.
 pub(super) fn of_points(points: impl Iterator<Item = DVec3> + Clone) -> f64 {
     let Some(first) = points.clone().next() else { return 0.0 };
     let farthest = |from: DVec3| {
@@ -19,7 +19,7 @@ pub(super) fn of_points(points: impl Iterator<Item = DVec3> + Clone) -> f64 {
     let one = farthest(first);
     let two = farthest(one);
     let Some(axis) = (two - one).try_normalize() else { return 0.0 };
-    // Across the axis, the middle of the box around all.
+    // The sides across the axis of the box around all.
     let (right, up) = axis.any_orthonormal_pair();
     let empty = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let (low, high) = points.fold(empty, |(low, high), point| {

@@ -169,7 +169,7 @@ fn tiles_of_a_ground_meet_at_every_level() {
         assert_eq!(border(&left, 20.0), border(&right, 0.0), "at {limit}");
         assert_eq!(border(&left, 20.0).len(), 21, "at {limit}");
     }
-    // Where nothing meets it, a border is simplified like the rest.
+    // A border that nothing meets is simplified like the rest.
     let coarsest = one.drawn(*one.errors().last().expect("an error"));
     assert!(border(&coarsest, 0.0).len() < 10, "{}", border(&coarsest, 0.0).len());
 }

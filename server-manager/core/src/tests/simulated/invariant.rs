@@ -466,7 +466,7 @@ impl InvariantChecker {
         stated_us: Micros,
         clock_error_us: u32,
     ) -> Check {
-        // As in `shown`, and by how much it may be woken late.
+        // Like in `shown`, and by how much it may be woken late.
         let slack_us = Micros::from(clock_error_us) + 1_000 + SWAP_SPIN_US;
         let off_us = (now - self.started).abs_diff(stated_us);
         if epoch == self.epoch && off_us > slack_us {

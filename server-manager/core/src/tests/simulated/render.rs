@@ -114,7 +114,7 @@ impl Simulation {
         self.at(self.now + takes_us, SimEvent::DrawingEnds(index, life));
     }
 
-    /// As `keep_aside` of the render server's outputs.
+    /// The counterpart of `keep_aside` of the render server's outputs.
     fn keep_aside(&mut self, index: usize, key: FrameKey) {
         let server = &mut self.servers[index];
         for &channel in &server.channels {
