@@ -163,10 +163,10 @@ impl BlobSources {
                 ahead.push_back((hash, of, self.fetch(hash, FETCH_AHEAD_BYTES_MAX)));
             }
             let Some((hash, of, fetch)) = ahead.pop_front() else { return Ok(()) };
-            let fetched = match fetch {
-                Some(fetch) => wait(&fetch.fetched, order)?,
-                None => Fetched::Nowhere,
-            };
+            // Blobs of this machine wait for nothing, so they are looked at here.
+            (order.check)()?;
+            let fetched = fetch.map(|fetch| wait(&fetch.fetched, order)).transpose()?.flatten();
+            let fetched = fetched.unwrap_or(Fetched::Nowhere);
             let bytes = match fetched {
                 Fetched::Blob(bytes) => self.keep(bytes),
                 Fetched::TooLarge => self.blob(hash, order)?,
@@ -189,7 +189,7 @@ impl BlobSources {
             return Ok(bytes);
         }
         let fetched = self.fetch(hash, BLOB_BYTES_MAX).map(|fetch| wait(&fetch.fetched, order));
-        match fetched.transpose()? {
+        match fetched.transpose()?.flatten() {
             Some(Fetched::Blob(bytes)) => Ok(self.keep(bytes)),
             _ => self.ask_manager(hash, order),
         }
@@ -269,15 +269,16 @@ impl Drop for BlobSources {
     }
 }
 
-/// Waits for an answer as long as the preparation is wanted.
-pub(crate) fn wait<T>(answer: &Receiver<T>, order: &BlobOrder<'_>) -> Result<T, String> {
+/// Waits for an answer as long as the preparation is wanted; `None` if none comes any more.
+///
+/// # Errors
+/// The preparation is not wanted any more.
+pub(crate) fn wait<T>(answer: &Receiver<T>, order: &BlobOrder<'_>) -> Result<Option<T>, String> {
     loop {
         match answer.recv_timeout(CHECK_PERIOD) {
-            Ok(answer) => return Ok(answer),
+            Ok(answer) => return Ok(Some(answer)),
             Err(RecvTimeoutError::Timeout) => (order.check)()?,
-            Err(RecvTimeoutError::Disconnected) => {
-                return Err("the bulk connection has ended".to_owned());
-            }
+            Err(RecvTimeoutError::Disconnected) => return Ok(None),
         }
     }
 }

@@ -84,7 +84,8 @@ impl Transfer {
             // Pieces may come faster than a wait looks whether they are wanted.
             (order.check)().map_err(Broken::Cancelled)?;
             let piece = wait(&fetched, order).map_err(Broken::Cancelled)?;
-            let piece = piece.map_err(Broken::Useless)?;
+            let ended = || Broken::Cancelled("the bulk connection has ended".to_owned());
+            let piece = piece.ok_or_else(ended)?.map_err(Broken::Useless)?;
             if self.bytes.is_empty() && piece.total >= RESUMED_BYTES_MIN {
                 // Without a file the transfer goes on, but not after its end.
                 let opened = PartialBlob::open(cache, hash, true).unwrap_or_default();

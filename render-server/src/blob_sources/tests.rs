@@ -53,6 +53,22 @@ fn a_fetch_from_a_silent_store_ends_when_it_is_not_wanted_any_more() {
 }
 
 #[test]
+fn blobs_that_are_here_are_not_given_to_who_wants_no_more() {
+    let (mut fixture, _silent, here) = fixture();
+    let folder = fixture.sources.folders[0].root().to_str().expect("text").to_owned();
+    fixture.sources.set_stores(&[folder]);
+    let (bulk, _jobs) = mpsc::channel(1);
+    let given = Cell::new(0);
+    let check = || if given.get() < 2 { Ok(()) } else { Err("not wanted".to_owned()) };
+    let order = BlobOrder { bulk: &bulk, check: &check };
+    let each = fixture.sources.each([(here, ()); 9], &order, |(), _| {
+        given.set(given.get() + 1);
+        Ok(())
+    });
+    assert_eq!((each, given.get()), (Err("not wanted".to_owned()), 2));
+}
+
+#[test]
 fn urls_that_name_no_store_are_told_and_do_no_harm() {
     let (mut fixture, _silent, here) = fixture();
     assert_eq!(fixture.sources.news(), None, "nothing was asked of the store yet");
