@@ -63,6 +63,9 @@ struct ReportArguments {
     /// Poses around the scene of which pictures are compared
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
     poses: u32,
+    /// Compare pictures from random places around and within the scene, in place of the orbit
+    #[arg(long, value_name = "SEED")]
+    random_views: Option<u64>,
     /// Pixels along each side of a pixel for comparing outlines
     #[arg(long, value_name = "N", default_value_t = 2)]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=4))]
@@ -197,6 +200,7 @@ impl ReportArguments {
             frames: self.frames,
             repetitions: self.rounds,
             poses: self.poses,
+            random_views: self.random_views,
             supersampling: self.supersampling,
         })
     }

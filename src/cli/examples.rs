@@ -195,6 +195,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         &[
             "polyptych bench town.glb helmet.glb --out report",
             "polyptych bench --size 1280x720 --error-bounds 0.5,2 --channels 4",
+            "polyptych bench town.glb --size 640x360 --poses 1000 --random-views 7",
         ],
     ),
     ("bench barrier", &["polyptych bench barrier --servers 16 --frames 500"]),

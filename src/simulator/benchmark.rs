@@ -54,6 +54,8 @@ pub(crate) struct BenchmarkOptions {
     pub repetitions: u32,
     /// Poses of which pictures are compared.
     pub poses: u32,
+    /// The seed of random poses around and within the scene; `None` for poses of the orbit.
+    pub random_views: Option<u64>,
     /// Pixels along each side of a pixel, for pictures of which outlines are compared.
     pub supersampling: u32,
 }
@@ -167,7 +169,7 @@ impl<'a> Benchmark<'a> {
     ) -> anyhow::Result<()> {
         let stage = self.open(single, scene, "pictures at every bound")?;
         report.describe(&stage.summary, stage.adapter()?);
-        let poses: Vec<f64> = orbit::times_of_turn(self.options.poses).collect();
+        let poses = self.poses(&stage);
         let errors = image_error::flip_errors(&stage, &poses, &self.options.bounds_px)?;
         for (bound, error) in report.bounds.iter_mut().zip(errors) {
             bound.set_flip(error);
@@ -179,10 +181,22 @@ impl<'a> Benchmark<'a> {
         let bounds_px: Vec<f64> =
             self.options.bounds_px.iter().map(|px| px * f64::from(factor)).collect();
         let distances_px = image_error::outline_distances(&stage, &poses, &bounds_px)?;
-        for (bound, distance_px) in report.bounds.iter_mut().zip(distances_px) {
-            bound.silhouette_px = distance_px / f64::from(factor);
+        for (bound, distances_px) in report.bounds.iter_mut().zip(distances_px) {
+            bound.set_outlines(&distances_px, f64::from(factor));
         }
         Ok(())
+    }
+
+    /// Returns the cameras of which pictures are compared.
+    fn poses(&self, stage: &Stage) -> Vec<Camera> {
+        let count = self.options.poses;
+        match self.options.random_views {
+            Some(seed) => {
+                let mut random = fastrand::Rng::with_seed(seed);
+                (0..count).map(|_| stage.random_camera(&mut random)).collect()
+            }
+            None => orbit::times_of_turn(count).map(|time_s| stage.camera_at(time_s)).collect(),
+        }
     }
 
     /// Times frames of full detail on another wall.

@@ -71,7 +71,9 @@ fn run_table(run: &RunInfo, scenes: &[SceneReport]) -> String {
 
 /// The meaning of the numbers.
 fn meaning(run: &RunInfo) -> String {
-    let (poses, factor) = (run.poses, run.supersampling);
+    let is_random = run.random_views.is_some();
+    let poses = run.poses.to_string() + if is_random { " random poses" } else { " poses" };
+    let factor = run.supersampling;
     format!(
         "<details open=\"open\">\n<summary>What the numbers mean</summary>\n<dl>\n\
          <dt>Error bound</dt><dd>The error in pixels that is asked for; 0 is full detail.</dd>\n\
@@ -83,7 +85,7 @@ fn meaning(run: &RunInfo) -> String {
          <dt>Stated error</dt><dd>The largest error in pixels that the servers state for what they \
          drew or left out in any timed frame.</dd>\n\
          <dt>Silhouette</dt><dd>The largest distance in pixels between the outlines of the scene \
-         at this bound and at full detail, in either direction, over {poses} poses. The outline \
+         at this bound and at full detail, in either direction, over {poses}. The outline \
          separates pixels that differ from the background; edges in front of other parts of the \
          scene are not in it. A feature that vanishes counts by how far its outline has to move to \
          close over it, which is half of its width. It is measured on pictures of \

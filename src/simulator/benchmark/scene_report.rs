@@ -35,6 +35,8 @@ pub(crate) struct RunInfo {
     pub repetitions: u32,
     /// Poses of which pictures were compared.
     pub poses: u32,
+    /// The seed of random poses; `None` for those of the orbit.
+    pub random_views: Option<u64>,
     /// Pixels along each side of a pixel in the pictures of which outlines were compared.
     pub supersampling: u32,
 }
@@ -56,6 +58,7 @@ impl RunInfo {
             frames: options.frames,
             repetitions: options.repetitions,
             poses: options.poses,
+            random_views: options.random_views,
             supersampling: options.supersampling,
         }
     }
@@ -137,12 +140,15 @@ impl SceneReport {
     pub fn lines(&self) -> impl Iterator<Item = String> {
         self.bounds.iter().map(|bound| {
             format!(
-                "{}: bound {} px: {:.1} ms a frame, {}, silhouette {:.2} px, FLIP {:.4}",
+                "{}: bound {} px: {:.1} ms a frame, {}, silhouette {:.2} px, within \
+                 the bound in {} of {}, FLIP {:.4}",
                 self.scene,
                 bound.error_bound_px,
                 bound.frames.frame_ms,
                 counted(bound.frames.triangles, "triangle"),
                 bound.silhouette_px,
+                bound.poses_within,
+                counted(self.run.poses, "pose"),
                 bound.flip
             )
         })
@@ -168,6 +174,9 @@ pub(super) struct BoundReport {
     pub memory: Memory,
     /// The largest measured distance between outlines at this bound and at full detail, in pixels.
     pub silhouette_px: f64,
+    /// Poses at which that distance is within the bound, up to the diagonal of a pixel of the
+    /// pictures that are compared: both outlines are rounded to centres of pixels.
+    pub poses_within: u32,
     /// The mean FLIP error against full detail, from 0 to 1.
     pub flip: f64,
     /// The FLIP error that 99 of 100 pixels do not exceed, in the worst pose.
@@ -177,6 +186,17 @@ pub(super) struct BoundReport {
 impl BoundReport {
     pub fn new(error_bound_px: f64) -> Self {
         Self { error_bound_px, ..Self::default() }
+    }
+
+    /// Takes the distances of outlines in pictures with `factor` pixels along each of the wall's.
+    pub fn set_outlines(&mut self, distances: &[f64], factor: f64) {
+        let px = |distance: &f64| distance / factor;
+        self.silhouette_px = distances.iter().map(px).fold(0.0, f64::max);
+        let most = self.error_bound_px + std::f64::consts::SQRT_2 / factor;
+        let within = |distance: &&f64| self.error_bound_px > 0.0 && px(distance) <= most;
+        let exact = |distance: &&f64| **distance == 0.0;
+        let within = distances.iter().filter(|d| within(d) || exact(d)).count();
+        self.poses_within = u32::try_from(within).unwrap_or(u32::MAX);
     }
 
     pub fn set_flip(&mut self, error: FlipError) {

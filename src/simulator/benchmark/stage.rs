@@ -1,5 +1,6 @@
 //! A wall of this machine that shows the scene to be measured.
 
+use std::f64::consts::TAU;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -71,6 +72,27 @@ impl Stage {
         orbit::camera_at(&self.wall, &self.focus, time_s)
     }
 
+    /// Returns a camera in a random place around or within the scene, which looks at a random point
+    /// of it: eyes are at 0.2 to 5 times the distance of the orbit, each factor of two as likely.
+    pub fn random_camera(&self, random: &mut fastrand::Rng) -> Camera {
+        let mut between = |a: f64, b: f64| a + (b - a) * random.f64();
+        let half = (self.focus.max - self.focus.min) * 0.5;
+        let target = self.focus.center()
+            + half * DVec3::new(between(-1.0, 1.0), between(-1.0, 1.0), between(-1.0, 1.0));
+        let orbit = self.camera_at(0.0);
+        let factor = 5_f64.powf(between(-1.0, 1.0));
+        let distance =
+            (orbit.world_from_display(self.wall.eye) - self.focus.center()).length() * factor;
+        let (heading, height) = (between(0.0, TAU), between(-0.2, 1.0_f64));
+        let across = (1.0 - height * height).sqrt();
+        let outward = DVec3::new(heading.sin() * across, height, heading.cos() * across);
+        let eye = target + outward * distance;
+        let rotation = Camera::look_at(eye, target, DVec3::Y).rotation;
+        // A unit of the display is as many of the world as the distance asks for, as in the orbit.
+        let scale = orbit.scale * factor;
+        Camera { position: eye - rotation * (scale * self.wall.eye), rotation, scale }
+    }
+
     /// Returns a camera above the scene that looks up, and so sees the background only.
     pub fn camera_away(&self) -> Camera {
         let bounds = self.summary.bounds.unwrap_or(self.focus);
@@ -100,8 +122,8 @@ impl Stage {
     }
 
     /// Draws a frame and returns its picture of the whole screen.
-    pub fn picture(&self, camera: Camera, time_s: f64) -> anyhow::Result<Image> {
-        self.draw(camera, time_s)?;
+    pub fn picture(&self, camera: Camera) -> anyhow::Result<Image> {
+        self.draw(camera, 0.0)?;
         let mut capture = unless_ended(&self.local, self.local.client.capture())?;
         if let Some((channel, reason)) = capture.missing.first() {
             bail!("channel {channel} has no picture: {reason}");
