@@ -13,6 +13,16 @@ pub const RATE_FPS_MIN: f64 = 1.0;
 /// Maximum rate that can be asked for, in frames per second.
 pub const RATE_FPS_MAX: f64 = 1000.0;
 
+/// Maximum number of steps by which the rate bound lowers the resolution: a quarter of the wall's
+/// pixels along each side, which still shows where things are.
+pub const RESOLUTION_STEPS_MAX: u8 = 8;
+
+/// Returns the pixels that are drawn along each side after so many steps, as a share of the wall's:
+/// 1, 0.84, 0.71, 0.59, 0.5 and so on to 0.25. Two steps halve the number of pixels.
+pub fn resolution_scale(steps: u8) -> f64 {
+    (-f64::from(steps.min(RESOLUTION_STEPS_MAX)) / 4.0).exp2()
+}
+
 /// An upper bound of the image-space error and a lower bound of the frame rate. Where both cannot
 /// be kept, the rate is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -56,6 +66,9 @@ pub struct DetailBound {
     /// For each view of the frame, the wall's own first: pixels per radian around its eye, or per
     /// metre of display space where its rays are parallel. Empty if `error_px` is 0.
     pub densities: Vec<f64>,
+    /// The steps by which the resolution of all channels is lowered, 0 to
+    /// [`RESOLUTION_STEPS_MAX`]; see [`resolution_scale`].
+    pub resolution_steps: u8,
 }
 
 impl DetailBound {
@@ -69,7 +82,7 @@ impl DetailBound {
 }
 
 /// The detail that a frame was drawn with.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DrawnDetail {
     /// The error bound in force, in pixels of the wall.
     pub error_in_force_px: f64,
@@ -79,6 +92,19 @@ pub struct DrawnDetail {
     /// The channel that drew longest, of those that the frame waited for.
     #[serde(deserialize_with = "text_of_peer")]
     pub limiting_channel: Option<String>,
+    /// The pixels that were drawn along each side, as a share of the wall's: 0.25 to 1.
+    pub resolution_scale: f64,
+}
+
+impl Default for DrawnDetail {
+    fn default() -> Self {
+        Self {
+            error_in_force_px: 0.0,
+            largest_error_px: 0.0,
+            limiting_channel: None,
+            resolution_scale: 1.0,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -101,9 +127,20 @@ mod tests {
 
     #[test]
     fn views_without_a_density_are_drawn_finest() {
-        let bound = DetailBound { error_px: 2.0, densities: vec![1000.0, 0.0, f64::NAN, 1e-320] };
+        let densities = vec![1000.0, 0.0, f64::NAN, 1e-320];
+        let bound = DetailBound { error_px: 2.0, densities, resolution_steps: 0 };
         let allowed: Vec<f64> = (0..5).map(|view| bound.allowed_in(view)).collect();
         assert_eq!(allowed, [0.002, 0.0, 0.0, 0.0, 0.0]);
         assert_eq!(DetailBound::default().allowed_in(0), 0.0);
+    }
+
+    #[test]
+    fn two_steps_of_resolution_halve_the_pixels_and_no_step_is_below_a_quarter() {
+        let scales: Vec<f64> = (0..=RESOLUTION_STEPS_MAX).map(resolution_scale).collect();
+        assert_eq!((scales[0], scales[4], scales[8]), (1.0, 0.5, 0.25));
+        for pair in scales.windows(3) {
+            assert!((pair[2] * pair[2] / (pair[0] * pair[0]) - 0.5).abs() < 1e-12, "{scales:?}");
+        }
+        assert_eq!(resolution_scale(u8::MAX), 0.25);
     }
 }

@@ -131,6 +131,14 @@ impl ChannelOutput {
         self.target_like(gpu, size, samples_and_linear, ImageEncoding::Light)
     }
 
+    /// The target that was made for this frame.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn target(&mut self) -> Result<&mut Target, String> {
+        self.target.as_mut().ok_or_else(|| "there is no target".to_owned())
+    }
+
     /// The source that was drawn, and a picture for what is made of it.
     ///
     /// # Errors
@@ -165,7 +173,7 @@ impl ChannelOutput {
             let target = Target::with_encoding(gpu, size, samples, is_linear, content);
             self.target = Some(target.map_err(|error| error.to_string())?);
         }
-        self.target.as_mut().ok_or_else(|| "there is no target".to_owned())
+        self.target()
     }
 
     /// Places the window of this channel among those of the whole wall, unless it was placed

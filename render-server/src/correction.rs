@@ -9,15 +9,14 @@ mod overlay;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::Instant;
 
 use eye_views::EyeViews;
 use glam::DVec3;
 use overlay::{Overlay, OverlayContext};
 use polyptych_protocol::command::Frame;
 use polyptych_renderer::{
-    self, BlendMapDesc, Correction, CorrectionDesc, DrawStats, Gpu, GpuScene, ImageEncoding,
-    Renderer, Target, ViewDesc,
+    self, BegunFrame, BlendMapDesc, Correction, CorrectionDesc, DrawStats, Gpu, GpuScene,
+    ImageEncoding, Renderer, Submission, SubmittedFrame, Target, ViewDesc,
 };
 use polyptych_wall::blend::{self, BlendModel, ChannelMasks, LightInputs};
 use polyptych_wall::calibration_maps::CalibrationMaps;
@@ -225,6 +224,40 @@ struct Layer {
     lay: Option<usize>,
 }
 
+/// A corrected channel's frame of which it is known what is seen.
+#[derive(Debug)]
+pub(crate) struct BegunCorrection {
+    layers: Vec<Layer>,
+    /// The first layer.
+    begun: BegunFrame,
+}
+
+/// The layers of a corrected channel's frame that the GPU draws: their sources and corrections.
+#[derive(Debug)]
+pub(crate) struct SubmittedCorrection(Vec<(SubmittedFrame, Submission)>);
+
+impl SubmittedCorrection {
+    /// Waits until the picture is there.
+    ///
+    /// # Errors
+    /// The GPU failed.
+    pub fn finish(
+        self,
+        gpu: &Gpu,
+        renderer: &mut Renderer,
+        output: &mut ChannelOutput,
+    ) -> Result<DrawStats, String> {
+        let mut stats = DrawStats::default();
+        for (drawn, corrected) in self.0 {
+            let drawn = renderer.finish(gpu, output.target()?, drawn);
+            stats = stats.and(drawn.map_err(|error| error.to_string())?);
+            let corrected = renderer.finish_submission(gpu, &corrected);
+            stats.gpu_us += corrected.map_err(|error| error.to_string())?.as_micros() as u64;
+        }
+        Ok(stats)
+    }
+}
+
 /// A plan on the GPU.
 #[derive(Debug)]
 pub(crate) struct Corrector {
@@ -290,10 +323,67 @@ impl Corrector {
         Ok(corrector)
     }
 
-    /// Draws a frame of the channel, from its scene to the display's codes.
+    /// Begins a frame of the channel, from its scene to the display's codes.
     ///
     /// # Errors
     /// An eye that sees no picture, a view that cannot be shown, or the GPU failed.
+    pub fn begin(
+        &mut self,
+        gpu: &Gpu,
+        (renderer, scene): (&mut Renderer, &GpuScene),
+        wall: &Wall,
+        frame: &Frame,
+        output: &mut ChannelOutput,
+    ) -> Result<BegunCorrection, String> {
+        frame_views::check_frame(frame)?;
+        let layers = self.layers(gpu, wall, frame)?;
+        let sides = layers.iter().map(|layer| layer.shots.size);
+        let size = sides.fold([0, 0], |[w, h], side| [w.max(side[0]), h.max(side[1])]);
+        let like = (renderer.samples(), scene.has_transparency());
+        let source = output.ensure_atlas_target(gpu, size, like)?;
+        let views = layers.first().map_or(&[][..], |layer| &layer.views);
+        let begun = renderer.begin(gpu, scene, source, views).map_err(|error| error.to_string())?;
+        Ok(BegunCorrection { layers, begun })
+    }
+
+    /// Submits a frame that was begun with this output. One source serves all layers: the queue
+    /// draws the next one into it after the one before was corrected.
+    ///
+    /// # Errors
+    /// As of [`Self::begin`].
+    pub fn submit(
+        &mut self,
+        gpu: &Gpu,
+        (renderer, scene): (&mut Renderer, &GpuScene),
+        output: &mut ChannelOutput,
+        BegunCorrection { layers, begun }: BegunCorrection,
+    ) -> Result<SubmittedCorrection, String> {
+        let (mut begun, mut submitted) = (Some(begun), Vec::with_capacity(layers.len()));
+        for layer in layers {
+            let source = output.target()?;
+            let begun = match begun.take() {
+                Some(begun) => Ok(begun),
+                None => renderer.begin(gpu, scene, source, &layer.views),
+            };
+            let drawn = begun.and_then(|begun| renderer.submit(gpu, scene, source, begun));
+            let drawn = drawn.map_err(|error| error.to_string())?;
+            let (source, picture) = output.ensure_corrected(gpu, &self.correction)?;
+            let EyeViews { eyes, taps, .. } = &layer.shots;
+            let sheet = layer.lay.and_then(|index| self.lays[index].mesh());
+            let corrected = match sheet {
+                None => self.correction.draw(gpu, source, eyes, *taps, picture),
+                Some(sheet) => {
+                    let shape = &sheet.shape;
+                    self.correction.draw_overlay(gpu, shape, source, (eyes, *taps), picture)
+                }
+            };
+            submitted.push((drawn, corrected.map_err(|error| error.to_string())?));
+        }
+        Ok(SubmittedCorrection(submitted))
+    }
+
+    /// Draws a frame of the channel, and waits for it.
+    #[cfg(test)]
     pub fn draw(
         &mut self,
         gpu: &Gpu,
@@ -302,35 +392,8 @@ impl Corrector {
         frame: &Frame,
         output: &mut ChannelOutput,
     ) -> Result<DrawStats, String> {
-        frame_views::check_frame(frame)?;
-        let layers = self.layers(gpu, wall, frame)?;
-        let sides = layers.iter().map(|layer| layer.shots.size);
-        let size = sides.fold([0, 0], |[w, h], side| [w.max(side[0]), h.max(side[1])]);
-        let mut stats = DrawStats::default();
-        for layer in layers {
-            // One after the other: the memory of one source is enough.
-            let source = output.ensure_atlas_target(
-                gpu,
-                size,
-                (renderer.samples(), scene.has_transparency()),
-            )?;
-            let drawn = renderer.draw(gpu, scene, source, &layer.views);
-            stats = stats.and(drawn.map_err(|error| error.to_string())?);
-            let start = Instant::now();
-            let (source, picture) = output.ensure_corrected(gpu, &self.correction)?;
-            let EyeViews { eyes, taps, .. } = &layer.shots;
-            let sheet = layer.lay.and_then(|index| self.lays[index].mesh());
-            let drawn = match sheet {
-                None => self.correction.draw(gpu, source, eyes, *taps, picture),
-                Some(sheet) => {
-                    let shape = &sheet.shape;
-                    self.correction.draw_overlay(gpu, shape, source, (eyes, *taps), picture)
-                }
-            };
-            drawn.map_err(|error| error.to_string())?;
-            stats.gpu_us += start.elapsed().as_micros() as u64;
-        }
-        Ok(stats)
+        let begun = self.begin(gpu, (renderer, scene), wall, frame, output)?;
+        self.submit(gpu, (renderer, scene), output, begun)?.finish(gpu, renderer, output)
     }
 
     /// What a frame is drawn from: the channel's own picture first, then what lies over it.

@@ -2,6 +2,7 @@
 
 mod arrangement;
 mod displays;
+mod drawing;
 mod images;
 mod patterns;
 mod preparation;
@@ -11,16 +12,15 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crossbeam_channel::{Receiver, select};
 use patterns::PatternImage;
 use polyptych_protocol::command::{Frame, Swap};
 use polyptych_protocol::ids::{Epoch, Revision};
 use polyptych_renderer::{
-    DrawStats, Gpu, GpuScene, MovedItems, OcclusionCulling, Renderer, SceneBuilder, SceneLayout,
+    Gpu, GpuScene, MovedItems, OcclusionCulling, Renderer, SceneBuilder, SceneLayout,
 };
-use polyptych_wall::{ChannelId, Wall};
 use recovery::Losses;
 use tokio::sync::mpsc;
 use winit::dpi::PhysicalSize;
@@ -31,11 +31,10 @@ use crate::connection_status::{ConnectionStatus, ServerInfo};
 use crate::correction::Corrector;
 use crate::draw_delay::DrawDelay;
 use crate::frame_scheduler::{FrameAction, FrameScheduler};
-use crate::frame_views;
 use crate::loader::{LoadedState, Upload};
 use crate::mismatch::MonitorAssignment;
 use crate::presentation_state::PresentationState;
-use crate::render_event::{self, RenderEvent};
+use crate::render_event::RenderEvent;
 
 /// States that are held at once: the one shown, and those that the next frames may name.
 const STATES_MAX: usize = 4;
@@ -293,48 +292,6 @@ impl RenderThread {
         }
     }
 
-    /// Draws a frame on all channels, where its state is here.
-    fn draw(&mut self, frame: &Frame) {
-        let _span = tracing::error_span!("draw", frame = frame.frame.0).entered();
-        if !self.promote(frame.epoch, frame.revision) {
-            return;
-        }
-        if frame.presentation.pattern.is_none() {
-            self.patterns.clear();
-        }
-        let began = Instant::now();
-        let mut is_drawn = true;
-        for index in 0..self.outputs.len() {
-            let Some(drawable) = self.states.front() else { return };
-            let state = Arc::clone(&drawable.state);
-            let scene = Rc::clone(&drawable.scene);
-            let correctors = Rc::clone(&drawable.correctors);
-            let Some(wall) = state.replica.wall.as_deref() else { return };
-            let Some((id, _)) = wall.channel_by_name(&self.outputs[index].name) else { continue };
-            let start = Instant::now();
-            if let Some(kind) = self.drawing.slowness.wait() {
-                self.gpu.give_up(kind, "it was to be so, for a test");
-            }
-            match self.draw_channel(index, (wall, id), frame, &scene, &correctors) {
-                Ok(stats) => {
-                    let draw_us = start.elapsed().as_micros() as u64;
-                    self.send(render_event::drawn(frame, id, &state, &stats, draw_us));
-                    if frame.capture {
-                        self.send_capture(index, frame.frame, id);
-                    }
-                }
-                Err(reason) => {
-                    is_drawn = false;
-                    self.send(render_event::draw_failed(frame.frame, id, reason));
-                }
-            }
-        }
-        let now = self.manager_us();
-        if is_drawn && let Some(act) = self.playback.frame_drawn(frame, began.elapsed(), now) {
-            self.perform(act);
-        }
-    }
-
     /// Makes the state of this revision the one that is drawn, and forgets older ones.
     fn promote(&mut self, epoch: Epoch, revision: Revision) -> bool {
         let is_it = |d: &ReadyState| d.state.epoch == epoch && d.state.replica.revision == revision;
@@ -342,32 +299,6 @@ impl RenderThread {
         let Some(index) = self.states.iter().rposition(is_it) else { return false };
         self.states.drain(..index);
         true
-    }
-
-    fn draw_channel(
-        &mut self,
-        index: usize,
-        (wall, id): (&Wall, ChannelId),
-        frame: &Frame,
-        scene: &GpuScene,
-        correctors: &Correctors,
-    ) -> Result<DrawStats, String> {
-        if let Some(pattern) = frame.presentation.pattern {
-            return self.draw_pattern(index, (wall, id), frame, pattern, scene.has_transparency());
-        }
-        let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
-        self.use_samples(wall.samples)?;
-        let output = &mut self.outputs[index];
-        if let Some(corrector) = correctors.borrow_mut().get_mut(&channel.name) {
-            let drawing = (&mut self.renderer, scene);
-            return corrector.draw(&self.gpu, drawing, wall, frame, output);
-        }
-        let views = frame_views::views(wall, id, frame)?;
-        let size = channel.size.to_array();
-        let target =
-            output.ensure_target(&self.gpu, size, (wall.samples, scene.has_transparency()))?;
-        let drawn = self.renderer.draw(&self.gpu, scene, target, &views);
-        drawn.map_err(|error| error.to_string())
     }
 
     /// A wall of other samples needs other pipelines.

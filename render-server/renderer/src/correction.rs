@@ -97,9 +97,6 @@ pub enum CorrectionError {
     /// Other eyes or planes than the description needs.
     #[error("{0}")]
     Source(&'static str),
-    /// The device is lost, hangs, or is out of memory.
-    #[error("the GPU failed: {0}")]
-    Gpu(String),
 }
 
 impl BlendMapDesc {

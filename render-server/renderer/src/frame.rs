@@ -1,7 +1,15 @@
 //! One frame: cull, write, encode the passes in order, submit, wait.
+//!
+//! The frames of several targets share the buffers of [`FrameResources`], and all of them are
+//! submitted before the first one is waited for. No write meets a frame that still reads: the queue
+//! does writes and submissions in the order in which they were given to it, so that what is written
+//! for one target comes after the frame of the target before; and a buffer that is replaced by a
+//! larger one lives until the last frame that reads it is done.
 
+mod begun_frame;
 mod frame_buffer;
 mod hidden_items;
+mod submission;
 
 use std::time::{Duration, Instant};
 
@@ -10,7 +18,7 @@ use polyptych_scene::SceneSubset;
 
 use super::bindings::uniform_stride;
 use super::draw_list::{Draw, DrawList, Scratch, VisibleItems, samples_of};
-use super::gpu::{Gpu, GpuFaultKind};
+use super::gpu::Gpu;
 use super::occlusion::OcclusionCulling;
 use super::pass::occluder::OccluderPass;
 use super::pass::tonemap::{Tonemap, light_color};
@@ -21,12 +29,12 @@ use super::target::Target;
 use super::tone::{LIGHT_MAX, tone_map};
 use super::view::{AllowedError, FrameUniform, LocalLightRecord, ViewDesc};
 use super::{DrawError, DrawStats, albedo};
+pub use begun_frame::{BegunFrame, SubmittedFrame};
+use begun_frame::ShownView;
 use frame_buffer::{FrameBuffer, is_too_large};
 pub(crate) use hidden_items::OcclusionMemory;
-use hidden_items::{ShownView, encode_behind};
-
-/// A frame that takes longer is taken for a GPU that hangs.
-const GPU_WAIT_MAX: Duration = Duration::from_secs(30);
+use hidden_items::encode_behind;
+pub use submission::Submission;
 
 /// Maximum number of primitives that all views of a frame show: 120 bytes each here, and at most
 /// 240 on the GPU. Views multiply a scene: this is twice the largest, or one for two eyes.
@@ -45,6 +53,8 @@ pub(crate) struct FrameResources {
     tonemap: Tonemap,
     scratch: Scratch,
     records: Vec<InstanceRecord>,
+    /// When the frame that was finished last was done.
+    done: Option<Instant>,
 }
 
 /// What the passes draw with.
@@ -114,6 +124,7 @@ impl FrameResources {
             tonemap: Tonemap::new(gpu),
             scratch: Scratch::default(),
             records: Vec::new(),
+            done: None,
         }
     }
 
@@ -123,35 +134,61 @@ impl FrameResources {
         self.instances.size() + (self.records.capacity() * size_of::<InstanceRecord>()) as u64
     }
 
-    /// Draws the views of a frame, and waits until the picture is there. What others hide is left
-    /// out at times, if the pass for it is given.
-    pub fn draw(
+    /// Begins a frame: finds what its views may show, and submits the search for what others hide
+    /// if the pass for it is given and is faster.
+    ///
+    /// # Errors
+    /// More is shown than is held for one frame, or the GPU failed.
+    pub fn begin(
         &mut self,
         gpu: &Gpu,
-        (pipelines, occluders): (&Pipelines, Option<(&OccluderPass, OcclusionCulling)>),
+        occluders: Option<(&OccluderPass, OcclusionCulling)>,
         scene: &GpuScene,
         target: &mut Target,
         views: &[ViewDesc],
-    ) -> Result<DrawStats, DrawError> {
+    ) -> Result<BegunFrame, DrawError> {
         let start = Instant::now();
         let views: Vec<ViewDesc> = views.iter().map(|view| fitted(scene, view)).collect();
+        let sky = sky(scene, &views);
         let mut shown = Vec::with_capacity(views.len());
-        for view in &views {
+        for view in views {
             let Some(rectangle) = view.rectangle(target.size()) else { continue };
-            shown.push((view, VisibleItems::new(scene, view, rectangle)));
+            let visible = VisibleItems::new(scene, &view, rectangle);
+            shown.push((view, visible));
         }
-        let found = start.elapsed();
+        let cull = start.elapsed();
         let items = shown.iter().map(|(_, visible)| visible.items.len()).sum();
         let occluders = occluders.filter(|(_, when)| target.occlusion.is_used(*when, items));
-        let mut hidden = None;
-        if let Some((occluders, _)) = occluders {
-            let found = self.leave_out_hidden(gpu, occluders, scene, target, &mut shown)?;
-            hidden = found.map(|hidden| (occluders, hidden));
-        }
+        let depths = match occluders {
+            Some((occluders, _)) => self.search_hidden(gpu, occluders, scene, target, &shown)?,
+            None => None,
+        };
+        let is_culling = occluders.is_some();
+        let search = start.elapsed().saturating_sub(cull);
+        Ok(BegunFrame { shown, sky, items, is_culling, depths, cull, search })
+    }
+
+    /// Encodes a frame and submits it.
+    ///
+    /// # Errors
+    /// More is shown than is held for one frame, the scene was not prepared, or the GPU failed.
+    pub fn submit(
+        &mut self,
+        gpu: &Gpu,
+        (pipelines, occluders): (&Pipelines, Option<&OccluderPass>),
+        scene: &GpuScene,
+        target: &mut Target,
+        begun: BegunFrame,
+    ) -> Result<SubmittedFrame, DrawError> {
+        let start = Instant::now();
+        let BegunFrame { mut shown, sky, items, is_culling, depths, cull, search } = begun;
+        let hidden = match depths {
+            Some(depths) => Some(depths.leave_out_hidden(gpu, scene, target, &mut shown)?),
+            None => None,
+        };
         let searched = start.elapsed();
         let lists = self.lists(gpu, scene, &shown)?;
-        let culled = found + start.elapsed().saturating_sub(searched);
-        let sky = sky(scene, &views);
+        let sorted = start.elapsed();
         let clear_display = if scene.layout.blends {
             self.tonemap.sky_color(gpu, sky, target.content())?
         } else {
@@ -159,11 +196,11 @@ impl FrameResources {
         };
         let ready = ready(pipelines, scene, target)?;
         let context =
-            self.context(gpu, ready, scene, shown.iter().map(|(view, _)| *view).collect(), &lists);
+            self.context(gpu, ready, scene, shown.iter().map(|(view, _)| view).collect(), &lists);
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
-        if let Some((occluders, hidden)) = hidden {
+        if let (Some(hidden), Some(occluders)) = (hidden, occluders) {
             encode_behind(&mut encoder, occluders, target, hidden);
         }
         {
@@ -174,16 +211,12 @@ impl FrameResources {
         }
         let touched = lists.iter().filter_map(|list| list.touched).reduce(around);
         self.tonemap.encode(gpu, &mut encoder, target, clear_display, touched);
-        let index = gpu.queue.submit([encoder.finish()]);
+        let submission = Submission::new(gpu, encoder);
         let encoded = start.elapsed();
         self.shrink();
-        wait(gpu, index)?;
-        let frame = start.elapsed();
-        let us = |duration: Duration| duration.as_micros() as u64;
-        target.occlusion.record(items, us(frame));
-        let occluded = hidden.map_or(0, |(_, hidden)| hidden.count);
+        let occluded = hidden.map_or(0, |hidden| hidden.count);
         let visible: u32 = lists.iter().map(|list| list.visible).sum();
-        Ok(DrawStats {
+        let stats = DrawStats {
             triangles: lists.iter().map(|list| list.triangles).sum(),
             draw_calls: lists.iter().map(|l| l.opaque.len() + l.transparent.len()).sum::<usize>()
                 as u32,
@@ -191,11 +224,56 @@ impl FrameResources {
             error_share: lists.iter().map(|list| list.error_share).fold(0.0, f32::max),
             culled: (scene.layout.items.len() * lists.len()) as u32 - visible - occluded,
             occluded,
-            occlusion_us: us(searched.saturating_sub(found)),
-            cull_us: us(culled),
-            encode_us: us(encoded.saturating_sub(culled + searched.saturating_sub(found))),
-            gpu_us: us(frame.saturating_sub(encoded)),
-        })
+            occlusion_us: us(search + searched),
+            cull_us: us(cull + sorted.saturating_sub(searched)),
+            encode_us: us(encoded.saturating_sub(sorted)),
+            gpu_us: 0,
+        };
+        let begin = cull + search;
+        Ok(SubmittedFrame { submission, stats, items, is_culling, begin, start })
+    }
+
+    /// Waits until a frame is there. Frames are finished in the order in which they were submitted.
+    ///
+    /// # Errors
+    /// The GPU failed.
+    pub fn finish(
+        &mut self,
+        gpu: &Gpu,
+        target: &mut Target,
+        frame: SubmittedFrame,
+    ) -> Result<DrawStats, DrawError> {
+        let SubmittedFrame { submission, mut stats, items, is_culling, begin, start } = frame;
+        let before = self.done;
+        stats.gpu_us = us(self.finish_submission(gpu, &submission)?);
+        // Several frames are a pipeline: what one of them adds to the time of all is the time from
+        // the end of the one before to its own.
+        let since = before.map_or(start, |before| before.max(start));
+        let done = self.done.unwrap_or(since);
+        let frame_us = us(begin + done.saturating_duration_since(since));
+        target.occlusion.record(items, frame_us, is_culling);
+        Ok(stats)
+    }
+
+    /// Waits for work. Returns the time that the GPU took for it, as far as it is known.
+    ///
+    /// # Errors
+    /// The GPU failed.
+    pub fn finish_submission(
+        &mut self,
+        gpu: &Gpu,
+        submission: &Submission,
+    ) -> Result<Duration, DrawError> {
+        let done = submission.wait(gpu)?;
+        // The GPU begins with it when it is submitted, and not before it is done with others.
+        let begun = self.done.map_or(submission.at(), |before| before.max(submission.at()));
+        self.done = Some(done);
+        Ok(done.saturating_duration_since(begun))
+    }
+
+    /// Returns when the work that was finished last was done.
+    pub fn done(&self) -> Option<Instant> {
+        self.done
     }
 
     /// Sorts what the views show, and makes its records.
@@ -203,7 +281,7 @@ impl FrameResources {
         &mut self,
         gpu: &Gpu,
         scene: &GpuScene,
-        shown: &[ShownView<'_>],
+        shown: &[ShownView],
     ) -> Result<Vec<DrawList>, DrawError> {
         self.records.clear();
         let mut lists = Vec::with_capacity(shown.len());
@@ -260,7 +338,7 @@ impl FrameResources {
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("warm") });
         opaque::encode(&mut begin(&mut encoder, target, wgpu::Color::BLACK, false), &context);
         self.tonemap.encode(gpu, &mut encoder, target, wgpu::Color::BLACK, Some([0, 0, 1, 1]));
-        wait(gpu, gpu.queue.submit([encoder.finish()]))
+        Submission::new(gpu, encoder).wait(gpu).map(|_| ())
     }
 
     fn context<'a>(
@@ -413,20 +491,6 @@ fn around(a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
     [x, y, (a[0] + a[2]).max(b[0] + b[2]) - x, (a[1] + a[3]).max(b[1] + b[3]) - y]
 }
 
-/// Waits until the GPU is done with what was submitted.
-pub(crate) fn wait(gpu: &Gpu, index: wgpu::SubmissionIndex) -> Result<(), DrawError> {
-    let waited = gpu
-        .device
-        .poll(wgpu::PollType::Wait { submission_index: Some(index), timeout: Some(GPU_WAIT_MAX) });
-    if matches!(waited, Err(wgpu::PollError::Timeout)) {
-        // One that is only busy ends within this time, and its channel is late.
-        let seconds = GPU_WAIT_MAX.as_secs();
-        let reason = format!("the GPU or its driver hangs: no frame within {seconds} s");
-        gpu.give_up(GpuFaultKind::Hangs, &reason);
-    }
-    match (gpu.take_error(), waited) {
-        (Some(fault), _) => Err(DrawError::Gpu(fault)),
-        (None, Err(error)) => Err(DrawError::Gpu(error.to_string())),
-        (None, Ok(_)) => Ok(()),
-    }
+fn us(duration: Duration) -> u64 {
+    duration.as_micros() as u64
 }

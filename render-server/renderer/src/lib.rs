@@ -39,6 +39,7 @@ mod tone;
 mod view;
 
 pub use correction::{AtlasViewDesc, BlendMapDesc, CorrectionDesc, CorrectionError, EyeAtlas};
+pub use frame::{BegunFrame, SubmittedFrame, Submission};
 pub use gpu::{AdapterInfo, Gpu, GpuError, GpuFault, GpuFaultKind};
 pub use occlusion::OcclusionCulling;
 pub use output_texture::{FINE_FORMAT, ImageEncoding, OutputTexture};
@@ -54,6 +55,8 @@ pub use scene::{
 pub use target::{Target, TargetError};
 pub use text::rasterize;
 pub use view::{AllowedError, ViewDesc};
+
+use std::time::{Duration, Instant};
 
 /// Why a frame was not drawn.
 #[derive(Debug, thiserror::Error)]
@@ -201,6 +204,23 @@ impl Renderer {
         target: &mut Target,
         views: &[ViewDesc],
     ) -> Result<DrawStats, DrawError> {
+        let begun = self.begin(gpu, scene, target, views)?;
+        let submitted = self.submit(gpu, scene, target, begun)?;
+        self.finish(gpu, target, submitted)
+    }
+
+    /// Begins what [`Self::draw`] does. Of several targets all frames are begun, then submitted,
+    /// then finished, each time in the same order: the GPU draws one while the next is culled.
+    ///
+    /// # Errors
+    /// Target or view do not fit, or the GPU failed.
+    pub fn begin(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        target: &mut Target,
+        views: &[ViewDesc],
+    ) -> Result<BegunFrame, DrawError> {
         if target.samples() != self.samples || target.linear().is_some() != scene.has_transparency()
         {
             return Err(DrawError::Target);
@@ -212,6 +232,51 @@ impl Renderer {
             }
         }
         let occluders = self.occluders.as_ref().map(|occluders| (occluders, self.occlusion));
-        self.frames.draw(gpu, (&self.pipelines, occluders), scene, target, views)
+        self.frames.begin(gpu, occluders, scene, target, views)
+    }
+
+    /// Submits a frame that was begun on this target.
+    ///
+    /// # Errors
+    /// The scene was not prepared, a view shows too much, or the GPU failed.
+    pub fn submit(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        target: &mut Target,
+        begun: BegunFrame,
+    ) -> Result<SubmittedFrame, DrawError> {
+        let with = (&self.pipelines, self.occluders.as_ref());
+        self.frames.submit(gpu, with, scene, target, begun)
+    }
+
+    /// Waits until the picture of a frame that was submitted for this target is there.
+    ///
+    /// # Errors
+    /// The GPU failed.
+    pub fn finish(
+        &mut self,
+        gpu: &Gpu,
+        target: &mut Target,
+        submitted: SubmittedFrame,
+    ) -> Result<DrawStats, DrawError> {
+        self.frames.finish(gpu, target, submitted)
+    }
+
+    /// Waits for other work that comes after a frame. Returns the GPU's time for it.
+    ///
+    /// # Errors
+    /// The GPU failed.
+    pub fn finish_submission(
+        &mut self,
+        gpu: &Gpu,
+        submission: &Submission,
+    ) -> Result<Duration, DrawError> {
+        self.frames.finish_submission(gpu, submission)
+    }
+
+    /// Returns when the work that was finished last was done, as far as was noticed.
+    pub fn done(&self) -> Option<Instant> {
+        self.frames.done()
     }
 }

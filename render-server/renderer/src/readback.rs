@@ -41,7 +41,7 @@ fn read_texture(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Vec<u8>, ReadError
     let mut encoder = gpu.device.create_command_encoder(&descriptor);
     let copy = TextureCopy::encode(gpu, &mut encoder, texture);
     gpu.queue.submit([encoder.finish()]);
-    copy.read(gpu)
+    copy.read(gpu, None)
 }
 
 /// A copy of a texture of one level that the processor can read, once the GPU has made it.
@@ -81,9 +81,13 @@ impl TextureCopy {
         Self { buffer, row_bytes, padded }
     }
 
-    /// Waits for the copy, which was submitted; the bytes of its rows from the top, without
-    /// padding.
-    pub fn read(&self, gpu: &Gpu) -> Result<Vec<u8>, ReadError> {
+    /// Waits for the copy, which was submitted so, or for all that was submitted; the bytes of its
+    /// rows from the top, without padding.
+    pub fn read(
+        &self,
+        gpu: &Gpu,
+        submission: Option<wgpu::SubmissionIndex>,
+    ) -> Result<Vec<u8>, ReadError> {
         let (sender, receiver) = std::sync::mpsc::sync_channel(1);
         self.buffer.slice(..).map_async(wgpu::MapMode::Read, move |result| {
             // The receiver is gone only when waiting failed, which is reported there.
@@ -92,7 +96,8 @@ impl TextureCopy {
         let failed = |reason: &dyn std::fmt::Display| {
             ReadError(gpu.take_error().unwrap_or_else(|| reason.to_string()))
         };
-        gpu.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| failed(&error))?;
+        let wait = wgpu::PollType::Wait { submission_index: submission, timeout: None };
+        gpu.device.poll(wait).map_err(|error| failed(&error))?;
         let mapped = receiver.recv().map_err(|error| failed(&error))?;
         mapped.map_err(|error| failed(&error))?;
         let view = self.buffer.get_mapped_range(..).map_err(|error| failed(&error))?;

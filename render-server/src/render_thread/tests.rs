@@ -1,6 +1,7 @@
 //! What a display shows, from the commands to its pixels: without windows or sockets.
 
 use std::sync::mpsc::sync_channel;
+use std::time::Instant;
 
 use crossbeam_channel::{Sender, bounded};
 use glam::{DVec2, DVec3, UVec2, Vec3};
@@ -16,7 +17,7 @@ use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::surface::{Cylinder, Plane};
-use polyptych_wall::{Channel, Orientation, Screen, Surface};
+use polyptych_wall::{Channel, Orientation, Screen, Surface, Wall};
 
 use super::*;
 use crate::connection_status::ManagerState;

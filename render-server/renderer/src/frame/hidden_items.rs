@@ -5,13 +5,16 @@
 //! Neither changes a pixel, and the order of what is drawn stays: so which items are occluders may
 //! depend on the frame before.
 
-use super::{DrawContext, FrameResources, around, check_records, wait};
+use super::begun_frame::ShownView;
+use super::submission::Submission;
+use super::{DrawContext, FrameResources, around, check_records};
 use crate::DrawError;
-use crate::draw_list::{DrawList, VisibleItems};
+use crate::draw_list::DrawList;
 use crate::gpu::Gpu;
 use crate::occlusion::{OcclusionCulling, OcclusionTest};
 use crate::occlusion_trial::OcclusionTrial;
 use crate::pass::occluder::{OccluderPass, OccluderTarget, may_occlude};
+use crate::readback::TextureCopy;
 use crate::scene::GpuScene;
 use crate::target::Target;
 use crate::view::ViewDesc;
@@ -24,14 +27,19 @@ const TRIED_ITEMS_MIN: usize = 64;
 /// less than it costs to draw twice.
 const OCCLUDER_RADIUS_MIN: f64 = 0.02;
 
-/// A view, with the items that it may show.
-pub(super) type ShownView<'a> = (&'a ViewDesc, VisibleItems);
-
 /// The items that were found to be hidden in a frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HiddenItems {
     pub count: u32,
     /// Pixels that occluders may touch: x, y, width, height.
+    touched: [u32; 4],
+}
+
+/// The depth of occluders, which the GPU draws.
+#[derive(Debug)]
+pub(super) struct OccluderDepths {
+    submission: Submission,
+    copy: TextureCopy,
     touched: [u32; 4],
 }
 
@@ -55,9 +63,10 @@ impl OcclusionMemory {
     }
 
     /// Takes the time of a frame that may show so many items, if it could have been drawn either
-    /// way.
-    pub(super) fn record(&mut self, items: usize, frame_us: u64) {
-        if items >= TRIED_ITEMS_MIN {
+    /// way. Of several frames on their way, the first may begin a trial that the next ones, which
+    /// were drawn before that, are no part of.
+    pub(super) fn record(&mut self, items: usize, frame_us: u64, is_culling: bool) {
+        if items >= TRIED_ITEMS_MIN && is_culling == self.trial.is_culling() {
             self.trial.record(frame_us);
         }
     }
@@ -69,19 +78,18 @@ impl OcclusionMemory {
 }
 
 impl FrameResources {
-    /// Leaves out the items that others hide; `None` if there is no occluder. Else
-    /// [`encode_behind`] gives the scene's pass the depth to begin with.
+    /// Submits the depth of near, opaque items; `None` if there is no occluder.
     ///
     /// # Errors
-    /// More is shown than is held for one frame, or the GPU failed.
-    pub(super) fn leave_out_hidden(
+    /// More is shown than is held for one frame.
+    pub(super) fn search_hidden(
         &mut self,
         gpu: &Gpu,
         occluders: &OccluderPass,
         scene: &GpuScene,
         target: &mut Target,
-        shown: &mut [ShownView<'_>],
-    ) -> Result<Option<HiddenItems>, DrawError> {
+        shown: &[ShownView],
+    ) -> Result<Option<OccluderDepths>, DrawError> {
         self.records.clear();
         let mut lists = Vec::with_capacity(shown.len());
         for (index, (view, visible)) in shown.iter().enumerate() {
@@ -99,7 +107,7 @@ impl FrameResources {
         };
         let size = target.size();
         let textures = target.occlusion.textures.get_or_insert_with(|| occluders.target(gpu, size));
-        let views = shown.iter().map(|(view, _)| *view).collect();
+        let views = shown.iter().map(|(view, _)| view).collect();
         let pipelines = occluders.pipelines(&scene.layout.keys);
         let context = DrawContext {
             has_materials: false,
@@ -110,9 +118,30 @@ impl FrameResources {
         textures.encode_depth(&mut encoder, &context);
         occluders.encode_farthest(&mut encoder, textures, touched);
         let copy = textures.encode_read(gpu, &mut encoder);
-        wait(gpu, gpu.queue.submit([encoder.finish()]))?;
-        let depths =
-            textures.read(gpu, &copy).map_err(|error| DrawError::Gpu(error.to_string()))?;
+        let submission = Submission::new(gpu, encoder);
+        Ok(Some(OccluderDepths { submission, copy, touched }))
+    }
+}
+
+impl OccluderDepths {
+    /// Leaves out the items that others hide. Then [`encode_behind`] gives the scene's pass the
+    /// depth to begin with.
+    ///
+    /// # Errors
+    /// The GPU failed.
+    pub fn leave_out_hidden(
+        &self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        target: &mut Target,
+        shown: &mut [ShownView],
+    ) -> Result<HiddenItems, DrawError> {
+        self.submission.wait(gpu)?;
+        let Some(textures) = &target.occlusion.textures else {
+            return Err(DrawError::Target);
+        };
+        let depths = textures.read(gpu, &self.copy, self.submission.index());
+        let depths = depths.map_err(|error| DrawError::Gpu(error.to_string()))?;
         let mut count = 0;
         target.occlusion.hidden.resize(shown.len(), Vec::new());
         for ((view, visible), bits) in shown.iter_mut().zip(&mut target.occlusion.hidden) {
@@ -126,11 +155,12 @@ impl FrameResources {
                 !is_hidden
             });
         }
-        Ok(Some(HiddenItems { count, touched }))
+        Ok(HiddenItems { count, touched: self.touched })
     }
 }
 
-/// Encodes the depth that the scene's pass begins with, after [`FrameResources::leave_out_hidden`].
+/// Encodes the depth that the scene's pass begins with, after
+/// [`OccluderDepths::leave_out_hidden`].
 pub(super) fn encode_behind(
     encoder: &mut wgpu::CommandEncoder,
     occluders: &OccluderPass,

@@ -21,7 +21,7 @@ use wgpu::util::DeviceExt;
 use crate::correction::{
     AtlasViewDesc, CorrectionDesc, CorrectionError, EyeAtlas, curve_codes, mesh_fault,
 };
-use crate::frame::wait;
+use crate::frame::Submission;
 use crate::gpu::Gpu;
 use crate::output_texture::{ImageEncoding, OutputTexture};
 use crate::pass::tonemap::{clear, resume};
@@ -166,8 +166,7 @@ impl Correction {
         }
     }
 
-    /// Draws what the eyes see of the source and waits until it is there: one eye, or the left and
-    /// the right one. `taps` are the samples across and down that one display pixel takes, 1 to 4
+    /// Submits what the eyes see of the source: one eye, or the left and the right one. `taps` are the samples across and down that one display pixel takes, 1 to 4
     /// each.
     ///
     /// # Errors
@@ -180,7 +179,7 @@ impl Correction {
         eyes: &[EyeAtlas],
         taps: [u32; 2],
         onto: &OutputTexture,
-    ) -> Result<(), CorrectionError> {
+    ) -> Result<Submission, CorrectionError> {
         self.draw_shape(gpu, None, source, (eyes, taps), onto)
     }
 
@@ -195,7 +194,7 @@ impl Correction {
         source: &Target,
         eyes_and_taps: (&[EyeAtlas], [u32; 2]),
         onto: &OutputTexture,
-    ) -> Result<(), CorrectionError> {
+    ) -> Result<Submission, CorrectionError> {
         self.draw_shape(gpu, Some(shape), source, eyes_and_taps, onto)
     }
 
@@ -206,7 +205,7 @@ impl Correction {
         source: &Target,
         (eyes, taps): (&[EyeAtlas], [u32; 2]),
         onto: &OutputTexture,
-    ) -> Result<(), CorrectionError> {
+    ) -> Result<Submission, CorrectionError> {
         if source.content() != ImageEncoding::Light {
             return Err(CorrectionError::Source("the source does not hold light"));
         }
@@ -251,8 +250,7 @@ impl Correction {
                 }
             }
         }
-        let index = gpu.queue.submit([encoder.finish()]);
-        wait(gpu, index).map_err(|error| CorrectionError::Gpu(error.to_string()))
+        Ok(Submission::new(gpu, encoder))
     }
 
     /// Checks that eyes have the planes that this correction needs.

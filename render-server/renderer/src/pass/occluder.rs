@@ -254,12 +254,18 @@ impl OccluderTarget {
         TextureCopy::encode(gpu, encoder, &self.farthest)
     }
 
-    /// Waits for the farthest depths of the cells.
+    /// Waits for the farthest depths of the cells, which were submitted so; not for what was
+    /// submitted later.
     ///
     /// # Errors
     /// The GPU is lost or out of memory.
-    pub fn read(&self, gpu: &Gpu, copy: &TextureCopy) -> Result<CellDepths, ReadError> {
-        let bytes = copy.read(gpu)?;
+    pub fn read(
+        &self,
+        gpu: &Gpu,
+        copy: &TextureCopy,
+        submission: wgpu::SubmissionIndex,
+    ) -> Result<CellDepths, ReadError> {
+        let bytes = copy.read(gpu, Some(submission))?;
         let depths = bytes.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes));
         let size = [self.farthest.width(), self.farthest.height()];
         Ok(CellDepths::new(size.map(|side| side as usize), depths.collect()))

@@ -168,7 +168,7 @@ proptest! {
 }
 
 /// A wall of a material, and many things behind it.
-fn behind_a_wall(material: Material) -> GpuScene {
+pub fn behind_a_wall(material: Material) -> GpuScene {
     let mut stage = SceneFixture::new();
     let (wall, other) = (stage.material(material), stage.material(matt(0.8, 0.3, 0.2)));
     let wall = stage.mesh(&MeshFixture::rectangle(4.0, 2.0), Some(wall));

@@ -1,0 +1,48 @@
+//! A frame on its way: begun, then submitted, then finished.
+
+use std::time::{Duration, Instant};
+
+use glam::Vec3;
+
+use super::hidden_items::OccluderDepths;
+use super::submission::Submission;
+use crate::DrawStats;
+use crate::draw_list::VisibleItems;
+use crate::view::ViewDesc;
+
+/// A view, with the items that it may show.
+pub(super) type ShownView = (ViewDesc, VisibleItems);
+
+/// A frame of which it is known what its views may show; [`crate::Renderer::submit`] is next.
+#[derive(Debug)]
+#[must_use = "nothing is drawn yet"]
+pub struct BegunFrame {
+    pub(super) shown: Vec<ShownView>,
+    /// Exposed light of the sky.
+    pub(super) sky: Vec3,
+    /// Items that all views may show.
+    pub(super) items: usize,
+    /// What is hidden is left out.
+    pub(super) is_culling: bool,
+    /// The search for what is hidden; `None` if there is none.
+    pub(super) depths: Option<OccluderDepths>,
+    /// Time that it took to find the items.
+    pub(super) cull: Duration,
+    /// Time that it took to encode the search.
+    pub(super) search: Duration,
+}
+
+/// A frame that the GPU draws; [`crate::Renderer::finish`] is next.
+#[derive(Debug)]
+#[must_use = "the picture is not there yet"]
+pub struct SubmittedFrame {
+    pub(super) submission: Submission,
+    /// All but the GPU's time.
+    pub(super) stats: DrawStats,
+    pub(super) items: usize,
+    pub(super) is_culling: bool,
+    /// Time that it took to begin the frame.
+    pub(super) begin: Duration,
+    /// When it was gone on with.
+    pub(super) start: Instant,
+}
