@@ -208,6 +208,9 @@ pub struct WallStatus {
     pub opening: Vec<Opening>,
     /// Resident memory of the manager, in bytes; 0 if its system does not tell.
     pub memory_bytes: u64,
+    /// The pixels along each side that the next frame is drawn with, as a share of the wall's: 0.25
+    /// to 1, and 1 without a rate bound.
+    pub resolution_scale: f64,
 }
 
 /// A channel as it stands.
@@ -295,6 +298,22 @@ pub struct Statistics {
     pub features: Vec<String>,
     /// One for each channel of the wall, in the wall's order.
     pub channels: Vec<ChannelStatistics>,
+    /// The pixels that were drawn along each side, as a share of the wall's.
+    pub resolution_scale: ResolutionScales,
+}
+
+/// The resolutions of frames, as shares of the wall's pixels along each side: 0.25 to 1.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ResolutionScales {
+    /// Half of the frames had this one or less.
+    pub p50: f64,
+    /// The lowest one.
+    pub min: f64,
+}
+
+impl ResolutionScales {
+    /// All of the wall's pixels in every frame.
+    pub const FULL: Self = Self { p50: 1.0, min: 1.0 };
 }
 
 /// What the frames took on one channel.

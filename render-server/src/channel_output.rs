@@ -4,7 +4,8 @@ use std::time::Instant;
 
 use glam::UVec2;
 use polyptych_renderer::{
-    Correction, Gpu, ImageEncoding, Label, LabelPosition, OutputTexture, Target, idle,
+    Correction, Enlargement, Gpu, ImageEncoding, Label, LabelPosition, OutputTexture, Renderer,
+    Submission, Target, idle,
 };
 use polyptych_wall::unfold::{WindowLayout, WindowRect};
 use polyptych_wall::{ChannelCalibration, ChannelId, Wall};
@@ -24,6 +25,8 @@ pub(crate) struct ChannelOutput {
     target: Option<Target>,
     /// What was made of the target, where the channel is corrected; else `None`.
     corrected: Option<OutputTexture>,
+    /// The source of a correction with all pixels, where it was drawn with fewer; else `None`.
+    enlarged: Option<OutputTexture>,
     /// Where the window was placed last; a user may have moved it since.
     arranged: Option<WindowRect>,
     /// What the display took last. A frame is drawn while the one before is shown, and a display
@@ -86,6 +89,7 @@ impl ChannelOutput {
             surface: display.map_or(OutputSurface::Nowhere, window),
             target: None,
             corrected: None,
+            enlarged: None,
             arranged: None,
             shown: None,
             aside: None,
@@ -114,8 +118,55 @@ impl ChannelOutput {
         size: [u32; 2],
         samples_and_linear: (u32, bool),
     ) -> Result<&mut Target, String> {
-        self.corrected = None;
+        (self.corrected, self.enlarged) = (None, None);
         self.target_like(gpu, size, samples_and_linear, ImageEncoding::Srgb)
+    }
+
+    /// A target of fewer pixels for a channel that is shown as it is drawn: after its frame was
+    /// submitted comes [`Self::enlarge`].
+    ///
+    /// # Errors
+    /// No target can be like that.
+    pub fn ensure_reduced_target(
+        &mut self,
+        gpu: &Gpu,
+        size: [u32; 2],
+        samples_and_linear: (u32, bool),
+    ) -> Result<&mut Target, String> {
+        self.target_like(gpu, size, samples_and_linear, ImageEncoding::Srgb)
+    }
+
+    /// Submits the enlargement of the target to a picture of this size in pixels.
+    ///
+    /// # Errors
+    /// No picture can be like that.
+    pub fn enlarge(
+        &mut self,
+        gpu: &Gpu,
+        renderer: &mut Renderer,
+        (place, size): (Enlargement, [u32; 2]),
+    ) -> Result<Submission, String> {
+        let target = self.target.as_ref().ok_or("there is no target")?;
+        enlarge(gpu, renderer, target, (place, size), &mut self.corrected)
+    }
+
+    /// Submits the enlargement of a correction's source, if it has fewer pixels.
+    ///
+    /// # Errors
+    /// No source can be like that.
+    pub fn enlarge_source(
+        &mut self,
+        gpu: &Gpu,
+        renderer: &mut Renderer,
+        enlargement: Option<(Enlargement, [u32; 2])>,
+    ) -> Result<(), String> {
+        let Some(enlargement) = enlargement else {
+            self.enlarged = None;
+            return Ok(());
+        };
+        let target = self.target.as_ref().ok_or("there is no target")?;
+        // The correction that follows is waited for.
+        enlarge(gpu, renderer, target, enlargement, &mut self.enlarged).map(|_| ())
     }
 
     /// A target of light of this size in pixels, for a channel that is corrected.
@@ -147,12 +198,13 @@ impl ChannelOutput {
         &mut self,
         gpu: &Gpu,
         correction: &Correction,
-    ) -> Result<(&Target, &OutputTexture), String> {
+    ) -> Result<(&OutputTexture, &OutputTexture), String> {
         let size = correction.display_size();
         let fits = |it: &OutputTexture| it.size() == size && it.content() == correction.content();
         let known = self.corrected.take().filter(fits);
         let picture = self.corrected.insert(known.unwrap_or_else(|| correction.picture(gpu)));
-        let source = self.target.as_ref().ok_or("there is no target")?;
+        let drawn = self.target.as_ref().map(Target::picture);
+        let source = self.enlarged.as_ref().or(drawn).ok_or("there is no target")?;
         Ok((source, picture))
     }
 
@@ -207,7 +259,7 @@ impl ChannelOutput {
     /// Why the window can't be drawn to any more.
     pub fn reopen(&mut self, gpu: &Gpu, hangs: bool) -> Result<(), String> {
         let pictures = (self.shown.take(), self.aside.take(), self.spare.take());
-        let old = (self.target.take(), self.corrected.take(), pictures);
+        let old = (self.target.take(), self.corrected.take(), self.enlarged.take(), pictures);
         if hangs {
             std::mem::forget(old);
         }
@@ -409,6 +461,27 @@ impl ChannelOutput {
             OutputSurface::Offscreen(offscreen) => Some(offscreen.1.size()),
         }
     }
+}
+
+/// Submits the enlargement of a target onto a picture, which is made where there is none that fits.
+fn enlarge(
+    gpu: &Gpu,
+    renderer: &mut Renderer,
+    target: &Target,
+    (place, size): (Enlargement, [u32; 2]),
+    onto: &mut Option<OutputTexture>,
+) -> Result<Submission, String> {
+    let fits = |it: &OutputTexture| it.size() == size && it.content() == target.content();
+    let picture = match onto.take().filter(fits) {
+        Some(known) => known,
+        None => {
+            let made = renderer.picture(gpu, size, target.content());
+            made.map_err(|error| error.to_string())?
+        }
+    };
+    let submitted = renderer.enlarge(gpu, target, place, &picture);
+    *onto = Some(picture);
+    submitted.map_err(|error| error.to_string())
 }
 
 #[cfg(test)]

@@ -15,8 +15,8 @@ use glam::DVec3;
 use overlay::{Overlay, OverlayContext};
 use polyptych_protocol::command::Frame;
 use polyptych_renderer::{
-    self, BegunFrame, BlendMapDesc, Correction, CorrectionDesc, DrawStats, Gpu, GpuScene,
-    ImageEncoding, Renderer, Submission, SubmittedFrame, Target, ViewDesc,
+    self, BegunFrame, BlendMapDesc, Correction, CorrectionDesc, DrawStats, Enlargement, Gpu,
+    GpuScene, ImageEncoding, Renderer, Submission, SubmittedFrame, Target, ViewDesc,
 };
 use polyptych_wall::blend::{self, BlendModel, ChannelMasks, LightInputs};
 use polyptych_wall::calibration_maps::CalibrationMaps;
@@ -32,6 +32,7 @@ use polyptych_wall::{
 
 use crate::channel_output::ChannelOutput;
 use crate::frame_views;
+use crate::reduced_grid::ReducedGrid;
 
 /// The plans of a server's channels, by name; those that need none are not there.
 pub(crate) type CorrectionPlans = BTreeMap<String, CorrectionPlan>;
@@ -230,6 +231,8 @@ pub(crate) struct BegunCorrection {
     layers: Vec<Layer>,
     /// The first layer.
     begun: BegunFrame,
+    /// The place of its source in one with all pixels; `None` if it has them.
+    enlargement: Option<Enlargement>,
 }
 
 /// The layers of a corrected channel's frame that the GPU draws: their sources and corrections.
@@ -311,7 +314,7 @@ impl Corrector {
         let near_m = wall.near_m;
         let mut corrector = Self { plan, correction, near_m, shots, lays: Vec::new() };
         let head = wall.head();
-        let shots = corrector.shots(gpu, wall, &head)?.clone();
+        let shots = corrector.shots(gpu, wall, (&head, 0))?.clone();
         if corrector.correction.is_warm(&shots.eyes, shots.taps) {
             return Ok(corrector);
         }
@@ -340,10 +343,15 @@ impl Corrector {
         let sides = layers.iter().map(|layer| layer.shots.size);
         let size = sides.fold([0, 0], |[w, h], side| [w.max(side[0]), h.max(side[1])]);
         let like = (renderer.samples(), scene.has_transparency());
+        let grid = self.reduced_grid(wall, frame.detail.resolution_steps);
+        let eyes = self.plan.eyes.len() as u32;
+        let size = grid.map_or(size, |grid| grid.size(eyes));
         let source = output.ensure_atlas_target(gpu, size, like)?;
         let views = layers.first().map_or(&[][..], |layer| &layer.views);
+        let reduced = grid.map(|grid| grid.views(views, eyes));
+        let views = reduced.as_deref().unwrap_or(views);
         let begun = renderer.begin(gpu, scene, source, views).map_err(|error| error.to_string())?;
-        Ok(BegunCorrection { layers, begun })
+        Ok(BegunCorrection { layers, begun, enlargement: grid.map(|grid| grid.enlargement(eyes)) })
     }
 
     /// Submits a frame that was begun with this output. One source serves all layers: the queue
@@ -356,7 +364,7 @@ impl Corrector {
         gpu: &Gpu,
         (renderer, scene): (&mut Renderer, &GpuScene),
         output: &mut ChannelOutput,
-        BegunCorrection { layers, begun }: BegunCorrection,
+        BegunCorrection { layers, begun, enlargement }: BegunCorrection,
     ) -> Result<SubmittedCorrection, String> {
         let (mut begun, mut submitted) = (Some(begun), Vec::with_capacity(layers.len()));
         for layer in layers {
@@ -367,8 +375,10 @@ impl Corrector {
             };
             let drawn = begun.and_then(|begun| renderer.submit(gpu, scene, source, begun));
             let drawn = drawn.map_err(|error| error.to_string())?;
+            let EyeViews { size, eyes, taps, .. } = &layer.shots;
+            let enlargement = enlargement.map(|place| (place, *size));
+            output.enlarge_source(gpu, renderer, enlargement)?;
             let (source, picture) = output.ensure_corrected(gpu, &self.correction)?;
-            let EyeViews { eyes, taps, .. } = &layer.shots;
             let sheet = layer.lay.and_then(|index| self.lays[index].mesh());
             let corrected = match sheet {
                 None => self.correction.draw(gpu, source, eyes, *taps, picture),
@@ -396,10 +406,17 @@ impl Corrector {
         self.submit(gpu, (renderer, scene), output, begun)?.finish(gpu, renderer, output)
     }
 
+    /// The pixels of the source of a channel that is not warped, if its resolution is lowered.
+    fn reduced_grid(&self, wall: &Wall, steps: u8) -> Option<ReducedGrid> {
+        let channel = wall.channel(self.plan.channel).filter(|_| self.plan.warp.is_none())?;
+        ReducedGrid::new(channel, wall.screen_of(channel), steps)
+    }
+
     /// What a frame is drawn from: the channel's own picture first, then what lies over it.
     fn layers(&mut self, gpu: &Gpu, wall: &Wall, frame: &Frame) -> Result<Vec<Layer>, String> {
         let views = self.views(gpu, wall, frame)?;
-        let shots = self.shots(gpu, wall, &frame.presentation.head)?.clone();
+        let seen = (&frame.presentation.head, frame.detail.resolution_steps);
+        let shots = self.shots(gpu, wall, seen)?.clone();
         let mut layers = vec![Layer { shots, views, lay: None }];
         if self.plan.warp.is_none() {
             return Ok(layers);
@@ -417,7 +434,7 @@ impl Corrector {
                 None => Overlay::new(ground, view, &self.correction)?,
             };
             if let Some(sheet) = lay.mesh() {
-                let shots = sheet.eye_views(ground, view, &eyes)?;
+                let shots = sheet.eye_views(ground, view, (&eyes, frame.detail.resolution_steps))?;
                 let views = shots.view_descs((number, view), frame);
                 layers.push(Layer { shots, views, lay: Some(self.lays.len()) });
             }
@@ -437,7 +454,8 @@ impl Corrector {
         frame: &Frame,
     ) -> Result<Vec<ViewDesc>, String> {
         let (channel, is_warped) = (self.plan.channel, self.plan.warp.is_some());
-        let shots = self.shots(gpu, wall, &frame.presentation.head)?;
+        let seen = (&frame.presentation.head, frame.detail.resolution_steps);
+        let shots = self.shots(gpu, wall, seen)?;
         if !is_warped {
             return shots.unwarped_views(wall, channel, frame);
         }
@@ -446,14 +464,27 @@ impl Corrector {
         Ok(beneath.map_or_else(Vec::new, |view| shots.view_descs(view, frame)))
     }
 
-    fn shots(&mut self, gpu: &Gpu, wall: &Wall, head: &HeadPose) -> Result<&EyeViews, String> {
+    /// The pictures that a head sees; of a channel that is not warped all of its pixels.
+    fn shots(
+        &mut self,
+        gpu: &Gpu,
+        wall: &Wall,
+        (head, resolution_steps): (&HeadPose, u8),
+    ) -> Result<&EyeViews, String> {
         let eyes = self.plan.viewpoints(wall, head);
-        let known = self.shots.take().filter(|shots| shots.matches_eyes(&eyes));
+        let steps = if self.plan.warp.is_some() { resolution_steps } else { 0 };
+        let known = self.shots.take().filter(|shots| shots.matches(&eyes, steps));
         let shots = if let Some(shots) = known {
             shots
         } else {
             let side_max = gpu.info().texture_side_max;
-            EyeViews::new(wall, self.plan.channel, self.plan.warp.as_deref(), &eyes, side_max)?
+            EyeViews::new(
+                wall,
+                self.plan.channel,
+                self.plan.warp.as_deref(),
+                &eyes,
+                (side_max, steps),
+            )?
         };
         Ok(self.shots.insert(shots))
     }

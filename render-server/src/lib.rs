@@ -24,6 +24,7 @@ mod mouse;
 mod network;
 mod pattern;
 pub mod presentation_state;
+mod reduced_grid;
 mod render_event;
 mod render_thread;
 mod run;

@@ -53,21 +53,28 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if bounds != before {
         client.set_bounds(bounds)?;
     }
-    let in_force_px = client.status()?.error_in_force_px;
+    let status = client.status()?;
+    let (in_force_px, scale) = (status.error_in_force_px, status.resolution_scale);
     if arguments.json {
         let QualityBounds { error_px, rate_fps } = bounds;
         return say(serde_json::json!({
             "error_bound_px": error_px,
             "rate_bound_fps": rate_fps,
             "error_in_force_px": in_force_px,
+            "resolution_scale": scale,
         }));
     }
     let rate = match bounds.rate_fps {
         Some(rate) => format!("at least {rate} frames per second"),
         None => "any rate".to_owned(),
     };
+    let resolution = if scale < 1.0 {
+        format!(", {:.0} % of the pixels along each side", 100.0 * scale)
+    } else {
+        String::new()
+    };
     say(format_args!(
-        "an error of at most {} pixels, {rate}; in force: {in_force_px:.2} pixels",
+        "an error of at most {} pixels, {rate}; in force: {in_force_px:.2} pixels{resolution}",
         bounds.error_px
     ))
 }

@@ -110,7 +110,12 @@ fn bounds_are_typed_said_and_refused() {
         let said = local.run(&[words, &["--json"]].concat()).succeeded();
         serde_json::from_str(&said).expect("JSON")
     };
-    let none = json!({ "error_bound_px": 0.0, "rate_bound_fps": null, "error_in_force_px": 0.0 });
+    let none = json!({
+        "error_bound_px": 0.0,
+        "rate_bound_fps": null,
+        "error_in_force_px": 0.0,
+        "resolution_scale": 1.0,
+    });
     assert_eq!(said(&["bound"]), none);
     let set = said(&["bound", "--error", "1.5", "--rate", "30"]);
     assert_eq!((&set["error_bound_px"], &set["rate_bound_fps"]), (&json!(1.5), &json!(30.0)));
@@ -146,4 +151,5 @@ fn a_simulated_wall_reports_its_bounds() {
     let limiting = report["limiting_channel"].as_str().expect("a name");
     assert!(["front-1-1", "front-2-1"].contains(&limiting), "{limiting}");
     assert!(report["gpu_bytes"].as_u64() > Some(1 << 20), "{report}");
+    assert_eq!(report["resolution_scale"], json!({ "p50": 1.0, "min": 1.0 }));
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
     Camera, ClientError, Digest, Epoch, FrameId, HeadPose, OPEN_REQUESTS_MAX, OpenProgress,
-    OpenStage, OutputMode, Pacing, Presentation, Quantiles, Request, RequestId, Response, Revision,
+    OpenStage, OutputMode, Pacing, Presentation, Quantiles, Request, RequestId, ResolutionScales, Response, Revision,
     SceneFeatures, SceneSummary, Statistics, TestPattern, Tuned, View, Wall, WallStatus,
     calibration_change::CalibrationChange,
 };
@@ -42,6 +42,7 @@ fn status() -> WallStatus {
         notes: Vec::new(),
         opening: Vec::new(),
         memory_bytes: 0,
+        resolution_scale: 1.0,
     }
 }
 
@@ -68,6 +69,7 @@ fn statistics() -> Statistics {
         bytes_per_frame: 200.0,
         features: Vec::new(),
         channels: Vec::new(),
+        resolution_scale: ResolutionScales::FULL,
     }
 }
 

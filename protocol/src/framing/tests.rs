@@ -53,7 +53,7 @@ fn frame() -> Frame {
             ..Presentation::new(HeadPose::facing_forward(DVec3::new(0.0, 1.6, 0.0), 0.064))
         },
         capture: true,
-        detail: DetailBound { error_px: 0.5, densities: vec![2000.0] },
+        detail: DetailBound { error_px: 0.5, densities: vec![2000.0], resolution_steps: 3 },
     }
 }
 

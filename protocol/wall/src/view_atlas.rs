@@ -146,6 +146,20 @@ impl ViewAtlas {
         near_m: f64,
         side_max: u32,
     ) -> Result<Self, AtlasError> {
+        Self::reduced(mesh, eyes, near_m, side_max, 1.0)
+    }
+
+    /// As [`Self::new`], with this share of the pixels along each side: above 0, and at most 1.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn reduced<E: Copy + Into<Viewpoint>>(
+        mesh: &WarpMesh,
+        eyes: &[E],
+        near_m: f64,
+        side_max: u32,
+        scale: f64,
+    ) -> Result<Self, AtlasError> {
         let eyes: Vec<Viewpoint> = eyes.iter().map(|eye| (*eye).into()).collect();
         let (mut groups, mut triangles) = (Vec::with_capacity(eyes.len()), Vec::new());
         let (mut pixels, mut stereo_error_px) = (0.0, 0.0);
@@ -165,7 +179,7 @@ impl ViewAtlas {
         // A channel of a few pixels may have several planes, and each has at least one step.
         let planes = groups.iter().map(Vec::len).sum::<usize>() as f64;
         let pixels_max = (pixels * SOURCE_SHARE_MAX).max(planes * SIDE_STEP * SIDE_STEP);
-        let mut share = 1.0;
+        let mut share = scale;
         loop {
             if let Some((places, size)) = layout::pack(&groups, share, side_max, pixels_max) {
                 let cut = layout::least_left(&groups, share, side_max, pixels_max);

@@ -44,6 +44,7 @@ pub use gpu::{AdapterInfo, Gpu, GpuError, GpuFault, GpuFaultKind};
 pub use occlusion::OcclusionCulling;
 pub use output_texture::{FINE_FORMAT, ImageEncoding, OutputTexture};
 pub use pass::correct::{Correction, CorrectionMesh, TAPS_MAX};
+pub use pass::enlarge::Enlargement;
 pub use pass::idle;
 pub use pass::label::{Label, LabelPosition};
 pub use pass::present_pass::{PresentPass, letterbox};
@@ -136,6 +137,7 @@ pub struct Renderer {
     frames: frame::FrameResources,
     /// `None` where the driver cannot.
     occluders: Option<pass::occluder::OccluderPass>,
+    enlarge: pass::enlarge::EnlargePass,
     occlusion: OcclusionCulling,
 }
 
@@ -152,7 +154,8 @@ impl Renderer {
             (pipeline::Pipelines::new(gpu, samples), frame::FrameResources::new(gpu));
         let occluders = pass::occluder::OccluderPass::new(gpu, samples);
         let occlusion = OcclusionCulling::default();
-        Ok(Self { samples, pipelines, frames, occluders, occlusion })
+        let enlarge = pass::enlarge::EnlargePass::new(gpu);
+        Ok(Self { samples, pipelines, frames, occluders, enlarge, occlusion })
     }
 
     /// Sets when items that others hide are left out; no picture depends on it.
@@ -261,6 +264,42 @@ impl Renderer {
         submitted: SubmittedFrame,
     ) -> Result<DrawStats, DrawError> {
         self.frames.finish(gpu, target, submitted)
+    }
+
+    /// A picture of this content and size in pixels for [`Self::enlarge`].
+    ///
+    /// # Errors
+    /// A side of 0 or beyond the adapter.
+    pub fn picture(
+        &self,
+        gpu: &Gpu,
+        size: [u32; 2],
+        content: ImageEncoding,
+    ) -> Result<OutputTexture, TargetError> {
+        let [width, height] = size;
+        let side_max = gpu.device.limits().max_texture_dimension_2d;
+        if size.iter().any(|side| !(1..=side_max).contains(side)) {
+            return Err(TargetError::Size { width, height, side_max });
+        }
+        Ok(OutputTexture::new(gpu, size, content))
+    }
+
+    /// Submits the enlargement of a target that was drawn with fewer pixels, onto a picture of the
+    /// same content, after the target's frame.
+    ///
+    /// # Errors
+    /// The picture has another content.
+    pub fn enlarge(
+        &mut self,
+        gpu: &Gpu,
+        target: &Target,
+        place: Enlargement,
+        onto: &OutputTexture,
+    ) -> Result<Submission, DrawError> {
+        if target.content() != onto.content() {
+            return Err(DrawError::Target);
+        }
+        Ok(self.enlarge.submit(gpu, target, place, onto))
     }
 
     /// Waits for other work that comes after a frame. Returns the GPU's time for it.

@@ -42,6 +42,12 @@ pub struct OutputTexture {
     view: wgpu::TextureView,
 }
 
+impl AsRef<Self> for OutputTexture {
+    fn as_ref(&self) -> &Self {
+        self
+    }
+}
+
 impl OutputTexture {
     /// A picture of a size in pixels, which the adapter must be able to hold.
     pub(crate) fn new(gpu: &Gpu, size: [u32; 2], content: ImageEncoding) -> Self {

@@ -1,6 +1,7 @@
 //! The passes of a frame; each has its shader beside it.
 
 pub mod correct;
+pub mod enlarge;
 pub mod idle;
 pub mod label;
 pub(crate) mod occluder;

@@ -43,6 +43,12 @@ pub struct Target {
     pub(crate) occlusion: OcclusionMemory,
 }
 
+impl AsRef<OutputTexture> for Target {
+    fn as_ref(&self) -> &OutputTexture {
+        &self.display
+    }
+}
+
 impl Target {
     /// Textures for pictures of a size in pixels. `samples` is the renderer's; `linear` is
     /// [`GpuScene::has_transparency`](super::GpuScene::has_transparency).

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::DMat4;
 use polyptych_protocol::command::Frame;
+use polyptych_protocol::quality_bounds::resolution_scale;
 use polyptych_renderer::{AtlasViewDesc, EyeAtlas, ViewDesc};
 use polyptych_wall::view::View;
 use polyptych_wall::view_atlas::ViewAtlas;
@@ -19,6 +20,8 @@ pub(crate) struct EyeViews {
     pub size: [u32; 2],
     /// Where the eyes are that see it.
     viewpoints: Vec<Viewpoint>,
+    /// The steps by which its resolution is lowered.
+    resolution_steps: u8,
     /// Each with its planes.
     pub eyes: Vec<EyeAtlas>,
     /// Samples of the source for each display pixel, across and down.
@@ -28,7 +31,8 @@ pub(crate) struct EyeViews {
 }
 
 impl EyeViews {
-    /// The pictures of a channel that these eyes see.
+    /// The pictures of a channel that these eyes see, with fewer pixels if it is warped: else its
+    /// pixels are those of the channel.
     ///
     /// # Errors
     /// An eye that sees no picture, by its channel's name.
@@ -37,15 +41,17 @@ impl EyeViews {
         id: ChannelId,
         warp: Option<&WarpMesh>,
         eyes: &[Viewpoint],
-        side_max: u32,
+        (side_max, resolution_steps): (u32, u8),
     ) -> Result<Self, String> {
         match warp {
             Some(mesh) => {
-                let plan = ViewAtlas::new(mesh, eyes, wall.near_m, side_max).map_err(|error| {
+                let scale = resolution_scale(resolution_steps);
+                let plan = ViewAtlas::reduced(mesh, eyes, wall.near_m, side_max, scale);
+                let plan = plan.map_err(|error| {
                     let name = wall.channel(id).map_or("", |channel| &channel.name);
                     format!("channel {name}: {error}")
                 })?;
-                Ok(Self::planar(wall, plan, eyes))
+                Ok(Self { resolution_steps, ..Self::planar(wall, plan, eyes) })
             }
             None => Self::exact(wall, id, eyes),
         }
@@ -56,6 +62,7 @@ impl EyeViews {
         let mut shots = Self {
             size: plan.size.to_array(),
             viewpoints: eyes.to_vec(),
+            resolution_steps: 0,
             eyes: Vec::with_capacity(eyes.len()),
             taps: plan.taps.to_array(),
             planes: Vec::new(),
@@ -89,6 +96,7 @@ impl EyeViews {
         let mut shots = Self {
             size: [width * eyes.len() as u32, height],
             viewpoints: eyes.to_vec(),
+            resolution_steps: 0,
             eyes: Vec::with_capacity(eyes.len()),
             taps: [1, 1],
             planes: Vec::new(),
@@ -120,12 +128,12 @@ impl EyeViews {
         taps: [u32; 2],
         planes: Vec<(ViewTransform, [u32; 4])>,
     ) -> Self {
-        Self { size, viewpoints: Vec::new(), eyes, taps, planes }
+        Self { size, viewpoints: Vec::new(), resolution_steps: 0, eyes, taps, planes }
     }
 
-    /// Whether these are the eyes that see it.
-    pub fn matches_eyes(&self, eyes: &[Viewpoint]) -> bool {
-        self.viewpoints == eyes
+    /// Whether these are the eyes that see it, with this resolution.
+    pub fn matches(&self, eyes: &[Viewpoint], resolution_steps: u8) -> bool {
+        self.viewpoints == eyes && self.resolution_steps == resolution_steps
     }
 
     /// What the renderer draws of one view, into all planes.

@@ -99,18 +99,18 @@ impl OverlayMesh {
         &mut self,
         ground: OverlayContext<'_>,
         view: &View,
-        eyes: &[Viewpoint],
+        (eyes, resolution_steps): (&[Viewpoint], u8),
     ) -> Result<EyeViews, String> {
         let OverlayContext { gpu, shaped, channel: id, .. } = ground;
         let wall = shaped.wall;
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
         let Some(plan) = &self.plan else {
-            let known = self.shots.take().filter(|shots| shots.matches_eyes(eyes));
+            let known = self.shots.take().filter(|shots| shots.matches(eyes, resolution_steps));
             let shots = if let Some(shots) = known {
                 shots
             } else {
                 let side_max = gpu.info().texture_side_max;
-                EyeViews::new(wall, id, Some(&self.mesh), eyes, side_max)?
+                EyeViews::new(wall, id, Some(&self.mesh), eyes, (side_max, resolution_steps))?
             };
             return Ok(self.shots.insert(shots).clone());
         };

@@ -9,12 +9,15 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use polyptych_protocol::command::Frame;
-use polyptych_renderer::{BegunFrame, DrawStats, GpuScene, SubmittedFrame};
+use polyptych_renderer::{
+    BegunFrame, DrawStats, Enlargement, GpuScene, Submission, SubmittedFrame,
+};
 use polyptych_wall::{ChannelId, Wall};
 
 use super::{Correctors, RenderThread};
 use crate::correction::{BegunCorrection, SubmittedCorrection};
 use crate::frame_views;
+use crate::reduced_grid::ReducedGrid;
 use crate::render_event;
 
 /// A channel's part of a frame, on its way.
@@ -33,6 +36,8 @@ enum Begun {
     /// It is there already.
     Pattern,
     Plain(BegunFrame),
+    /// With fewer pixels: their place in the channel's picture, and its size.
+    Reduced(BegunFrame, (Enlargement, [u32; 2])),
     Corrected(BegunCorrection),
 }
 
@@ -40,6 +45,7 @@ enum Begun {
 enum Submitted {
     Pattern,
     Plain(SubmittedFrame),
+    Reduced(SubmittedFrame, Submission),
     Corrected(SubmittedCorrection),
 }
 
@@ -134,9 +140,15 @@ impl RenderThread {
             return Ok(Begun::Corrected(begun));
         }
         let views = frame_views::views(wall, id, frame)?;
-        let size = channel.size.to_array();
-        let target =
-            output.ensure_target(&self.gpu, size, (wall.samples, scene.has_transparency()))?;
+        let (size, like) = (channel.size.to_array(), (wall.samples, scene.has_transparency()));
+        let steps = frame.detail.resolution_steps;
+        if let Some(grid) = ReducedGrid::new(channel, wall.screen_of(channel), steps) {
+            let target = output.ensure_reduced_target(&self.gpu, grid.size(1), like)?;
+            let begun = self.renderer.begin(&self.gpu, scene, target, &grid.views(&views, 1));
+            let place = (grid.enlargement(1), size);
+            return begun.map(|it| Begun::Reduced(it, place)).map_err(|error| error.to_string());
+        }
+        let target = output.ensure_target(&self.gpu, size, like)?;
         let begun = self.renderer.begin(&self.gpu, scene, target, &views);
         begun.map(Begun::Plain).map_err(|error| error.to_string())
     }
@@ -155,6 +167,11 @@ impl RenderThread {
             Begun::Plain(begun) => {
                 let frame = self.renderer.submit(&self.gpu, scene, output.target()?, begun);
                 Submitted::Plain(frame.map_err(|error| error.to_string())?)
+            }
+            Begun::Reduced(begun, place) => {
+                let frame = self.renderer.submit(&self.gpu, scene, output.target()?, begun);
+                let frame = frame.map_err(|error| error.to_string())?;
+                Submitted::Reduced(frame, output.enlarge(&self.gpu, &mut self.renderer, place)?)
             }
             Begun::Corrected(begun) => {
                 let name = wall.channel(next.id).map_or("", |channel| &channel.name);
@@ -178,6 +195,14 @@ impl RenderThread {
             Submitted::Plain(frame) => {
                 let drawn = self.renderer.finish(&self.gpu, output.target()?, frame);
                 drawn.map_err(|error| error.to_string())?
+            }
+            Submitted::Reduced(frame, enlarged) => {
+                let drawn = self.renderer.finish(&self.gpu, output.target()?, frame);
+                let mut stats = drawn.map_err(|error| error.to_string())?;
+                let enlarged = self.renderer.finish_submission(&self.gpu, &enlarged);
+                let enlarged = enlarged.map_err(|error| error.to_string())?;
+                stats.gpu_us += enlarged.as_micros() as u64;
+                stats
             }
             Submitted::Corrected(frames) => {
                 frames.finish(&self.gpu, &mut self.renderer, output)?

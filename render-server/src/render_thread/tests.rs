@@ -1,5 +1,7 @@
 //! What a display shows, from the commands to its pixels: without windows or sockets.
 
+mod resolution;
+
 use std::sync::mpsc::sync_channel;
 use std::time::Instant;
 

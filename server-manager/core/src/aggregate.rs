@@ -93,6 +93,7 @@ impl Cluster {
             opening: self.openings(),
             // The core has no system to ask.
             memory_bytes: 0,
+            resolution_scale: self.resolution_scale(),
         }
     }
 

@@ -14,6 +14,7 @@ use polyptych_wall::ChannelId;
 use polyptych_wall::camera::Camera;
 use serde::{Deserialize, Serialize};
 
+use super::reduction::Reduction;
 use super::statistics::FrameFacts;
 use super::{ClientRequest, Cluster, Effect, Micros, SessionId, span};
 
@@ -30,21 +31,21 @@ const OUTLIER_FACTOR: u32 = 4;
 /// two seconds of a wall at 240 frames per second.
 const FRAMES_REMEMBERED: usize = 480;
 
-/// The beginnings of the newest frames and the error bounds in pixels that they were drawn with;
-/// their numbers have no gaps.
+/// The beginnings of the newest frames and the reductions that they were drawn with; their numbers
+/// have no gaps.
 #[derive(Debug, Default, Serialize, Deserialize)]
-pub(super) struct FrameStartTimes(VecDeque<(Micros, f64)>);
+pub(super) struct FrameStartTimes(VecDeque<(Micros, Reduction)>);
 
 impl FrameStartTimes {
-    fn add(&mut self, now: Micros, error_px: f64) {
+    fn add(&mut self, now: Micros, reduction: Reduction) {
         if self.0.len() == FRAMES_REMEMBERED {
             self.0.pop_front();
         }
-        self.0.push_back((now, error_px));
+        self.0.push_back((now, reduction));
     }
 
-    /// When `frame` began, and its error bound, the newest one being `newest`.
-    fn of(&self, frame: FrameId, newest: FrameId) -> Option<(Micros, f64)> {
+    /// When `frame` began, and its reduction, the newest one being `newest`.
+    fn of(&self, frame: FrameId, newest: FrameId) -> Option<(Micros, Reduction)> {
         let back = usize::try_from(newest.0.checked_sub(frame.0)?).ok()?;
         self.0.get(self.0.len().checked_sub(back + 1)?).copied()
     }
@@ -84,6 +85,8 @@ pub(super) struct Barrier {
     digest: Digest,
     /// The error bound that it is drawn with, in pixels.
     pub error_px: f64,
+    /// The same as the rate bound has it, with the resolution.
+    pub reduction: Reduction,
     /// A channel that it waits for has just come, or its pictures are read back: its time says
     /// nothing of the next frames.
     is_untypical: bool,
@@ -234,7 +237,8 @@ impl Cluster {
         }
         let detail = self.detail_bound();
         let error_px = detail.error_px;
-        self.beginnings.add(now, error_px);
+        let reduction = self.rate_bound.in_force(&self.presentation.bounds);
+        self.beginnings.add(now, reduction);
         self.command(sent.clone(), Command::Frame(self.describe_frame(time_s, capture, detail)));
         let is_ahead = !self.pipeline.is_empty();
         self.pipeline.push(Barrier {
@@ -242,6 +246,7 @@ impl Cluster {
             revision: self.shown.revision,
             digest: self.shown_digest,
             error_px,
+            reduction,
             is_untypical: is_cold || capture,
             time_s,
             began: now,
@@ -351,9 +356,9 @@ impl Cluster {
         let beginning = self.beginnings.of(drawn.frame, self.frame);
         let began = beginning.map(|(began, _)| began);
         self.registry.record_draw(drawn.channel, drawn.draw_us, now, began, allowed);
-        if let Some((_, error_px)) = beginning.filter(|_| !is_awaited) {
+        if let Some((_, reduction)) = beginning.filter(|_| !is_awaited) {
             let draw_us = Micros::from(drawn.draw_us);
-            self.rate_bound.add_late(&self.presentation.bounds, draw_us, error_px);
+            self.rate_bound.add_late(&self.presentation.bounds, draw_us, reduction);
         }
         let is_its = |b: &&mut Barrier| b.revision == drawn.revision;
         let Some(barrier) = self.pipeline.frame_mut(drawn.frame).filter(is_its) else {
@@ -437,7 +442,7 @@ impl Cluster {
             // One that was not waited for any longer took as long as that.
             let missed_us = (!barrier.waited.is_empty()).then(|| now.saturating_sub(barrier.turn));
             if let Some(us) = slowest_us.map(Micros::from).max(missed_us) {
-                self.rate_bound.add(&self.presentation.bounds, us, barrier.error_px);
+                self.rate_bound.add(&self.presentation.bounds, us, barrier.reduction);
             }
         }
         let feedback = self.aggregate(&barrier, now);
@@ -445,7 +450,15 @@ impl Cluster {
         let is_complete = feedback.is_complete();
         let limiting = barrier.limiting_channel();
         let is_ahead = barrier.is_ahead;
-        let facts = FrameFacts { is_awaited, is_complete, is_ahead, slowest_us, limiting };
+        let resolution_steps = barrier.reduction.resolution_steps();
+        let facts = FrameFacts {
+            is_awaited,
+            is_complete,
+            is_ahead,
+            slowest_us,
+            limiting,
+            resolution_steps,
+        };
         self.gathered.add_frame(&feedback, facts, now);
         let (frame, sent) = (barrier.frame, barrier.sent_channels);
         if let Some(compared) = self.present_calls.swapped(frame, sent, now) {

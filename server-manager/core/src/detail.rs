@@ -1,6 +1,8 @@
 //! The level of detail of frames: one decision for all channels.
 
-use polyptych_protocol::quality_bounds::{DetailBound, DrawnDetail, ERROR_PX_MAX, QualityBounds};
+use polyptych_protocol::quality_bounds::{
+    DetailBound, DrawnDetail, ERROR_PX_MAX, QualityBounds, RESOLUTION_STEPS_MAX, resolution_scale,
+};
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
 
@@ -30,8 +32,9 @@ impl Cluster {
         Ok(())
     }
 
-    /// The error bound in force for the next frame.
+    /// The error bound and the resolution in force for the next frame.
     pub(super) fn detail_bound(&mut self) -> DetailBound {
+        let resolution_steps = self.rate_bound.resolution_steps(&self.presentation.bounds);
         let error_px = self.rate_bound.in_force_px(&self.presentation.bounds);
         if error_px == 0.0 {
             return DetailBound::default();
@@ -45,7 +48,7 @@ impl Cluster {
             self.densities = Some(Densities { head, views, all });
         }
         let densities = self.densities.as_ref().map(|of| of.all.clone());
-        DetailBound { error_px, densities: densities.unwrap_or_default() }
+        DetailBound { error_px, densities: densities.unwrap_or_default(), resolution_steps }
     }
 
     /// Forgets the densities of a wall that is calibrated anew.
@@ -63,20 +66,38 @@ impl Cluster {
             error_in_force_px: barrier.error_px,
             largest_error_px: barrier.error_px * largest,
             limiting_channel: limiting.map(|channel| channel.name.clone()),
+            resolution_scale: resolution_scale(barrier.reduction.resolution_steps()),
         }
     }
 
-    /// The warning that no level of detail keeps the rate bound, if so.
+    /// The resolution of the next frame: pixels along each side, as a share of the wall's.
+    pub(super) fn resolution_scale(&self) -> f64 {
+        resolution_scale(self.rate_bound.resolution_steps(&self.presentation.bounds))
+    }
+
+    /// The warning that the rate bound costs resolution, or is not kept at all, if so.
     pub(super) fn rate_warning(&self) -> Option<String> {
         let bounds = &self.presentation.bounds;
-        let rate = bounds.rate_fps.filter(|_| self.rate_bound.is_unmet(bounds))?;
+        let rate = bounds.rate_fps?;
         let slowest = self.registry.channels().max_by_key(|(_, channel)| channel.draw_us);
         let name = slowest.map_or("?", |(_, channel)| channel.name.as_str());
-        let draw_ms = slowest.and_then(|(_, of)| of.draw_us).unwrap_or(0) as f64 / 1000.0;
-        Some(format!(
-            "the rate bound of {rate} frames per second is not kept: channel {name} draws \
-             {draw_ms:.1} ms even with an error of {ERROR_PX_MAX} pixels; lower the bound, or the \
-             pixels of the channel"
-        ))
+        if self.rate_bound.is_unmet(bounds) {
+            let draw_ms = slowest.and_then(|(_, of)| of.draw_us).unwrap_or(0) as f64 / 1000.0;
+            let least = 100.0 * resolution_scale(RESOLUTION_STEPS_MAX);
+            return Some(format!(
+                "the rate bound of {rate} frames per second is not kept: channel {name} draws \
+                 {draw_ms:.1} ms even with an error of {ERROR_PX_MAX} pixels and {least} % of the \
+                 pixels along each side; lower the bound, or the pixels of the channel"
+            ));
+        }
+        let scale = self.resolution_scale();
+        (scale < 1.0).then(|| {
+            format!(
+                "the wall draws {:.0} % of its pixels along each side to keep {rate} frames per \
+                 second: channel {name} is the slowest; lower the rate bound, or the pixels of the \
+                 channel",
+                100.0 * scale
+            )
+        })
     }
 }

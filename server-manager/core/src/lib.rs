@@ -27,6 +27,7 @@ mod pipeline;
 mod presentation;
 mod progress;
 mod rate_bound;
+mod reduction;
 mod registry;
 mod scene_editing;
 mod skew;

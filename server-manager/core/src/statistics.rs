@@ -1,7 +1,10 @@
 //! What frames took: gathered frame by frame, reported as spreads.
 
 use hdrhistogram::Histogram;
-use polyptych_protocol::feedback::{ChannelStatistics, FrameFeedback, Quantiles, Statistics};
+use polyptych_protocol::feedback::{
+    ChannelStatistics, FrameFeedback, Quantiles, ResolutionScales, Statistics,
+};
+use polyptych_protocol::quality_bounds::{RESOLUTION_STEPS_MAX, resolution_scale};
 use polyptych_protocol::server_message::{FramePresented, FrameRendered};
 use polyptych_wall::ChannelId;
 
@@ -97,6 +100,8 @@ pub(super) struct FrameFacts {
     pub slowest_us: Option<u32>,
     /// The channel that drew longest.
     pub limiting: Option<ChannelId>,
+    /// The steps by which its resolution was lowered.
+    pub resolution_steps: u8,
 }
 
 /// All that was measured since the last reset.
@@ -110,6 +115,8 @@ pub(super) struct StatisticsCollector {
     /// Error bounds in force, in thousandths of a pixel.
     error: Samples,
     largest_error_px: f64,
+    /// Frames by the steps by which their resolution was lowered.
+    by_resolution: [u64; RESOLUTION_STEPS_MAX as usize + 1],
     frames: u64,
     complete: u64,
     ahead: u64,
@@ -165,6 +172,7 @@ impl StatisticsCollector {
         self.last = now;
         self.error.add_us((feedback.detail.error_in_force_px * ERROR_UNITS) as u64);
         self.largest_error_px = self.largest_error_px.max(feedback.detail.largest_error_px);
+        self.by_resolution[usize::from(facts.resolution_steps)] += 1;
         let limiting = facts.limiting.and_then(|id| self.channels.get_mut(usize::from(id.0)));
         if let Some(channel) = limiting {
             channel.limiting += 1;
@@ -270,7 +278,24 @@ impl StatisticsCollector {
             bytes_per_frame: 0.0,
             features: features.to_vec(),
             channels,
+            resolution_scale: self.resolution_scales(),
         }
+    }
+
+    fn resolution_scales(&self) -> ResolutionScales {
+        let all: u64 = self.by_resolution.iter().sum();
+        let (mut scales, mut counted) = (ResolutionScales::FULL, 0);
+        let mut is_lowest = true;
+        for (steps, &frames) in (0..=RESOLUTION_STEPS_MAX).zip(&self.by_resolution).rev() {
+            if frames > 0 && std::mem::take(&mut is_lowest) {
+                scales.min = resolution_scale(steps);
+            }
+            if 2 * counted < all {
+                scales.p50 = resolution_scale(steps);
+            }
+            counted += frames;
+        }
+        scales
     }
 
     fn limiting_channel(&self, registry: &Registry) -> Option<String> {

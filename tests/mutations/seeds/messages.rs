@@ -9,7 +9,7 @@ use polyptych_protocol::command::{Command, Frame, Goodbye, Pong, Prepare, Swap};
 use polyptych_protocol::exported_scene::ExportedScene;
 use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Edited, FrameFeedback,
-    Quantiles, Skew, Statistics, Tuned, WallStatus,
+    Quantiles, ResolutionScales, Skew, Statistics, Tuned, WallStatus,
 };
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, ClientHello, Hello, HelloReply, Introduction, Nonces, Rejection, Secret,
@@ -153,7 +153,11 @@ fn commands() -> Vec<Command> {
             ..Presentation::new(HeadPose::facing_forward(DVec3::new(0.0, 0.1, 0.2), 0.06))
         },
         capture: true,
-        detail: DetailBound { error_px: 0.5, densities: vec![2000.0, 10.0] },
+        detail: DetailBound {
+            error_px: 0.5,
+            densities: vec![2000.0, 10.0],
+            resolution_steps: 3,
+        },
     };
     let (base, revision) = (Some(Revision(1)), Revision(2));
     vec![
@@ -327,6 +331,7 @@ fn feedback() -> FrameFeedback {
             error_in_force_px: 0.5,
             largest_error_px: 0.25,
             limiting_channel: Some("a-1-1".into()),
+            resolution_scale: 0.5,
         },
         channels: vec![channel; 3],
     }
@@ -368,6 +373,7 @@ fn status() -> WallStatus {
         notes: vec!["animations: 1 is not played".into()],
         opening: vec![Opening { scene: "town".into(), progress: OpenProgress::NONE }],
         memory_bytes: 81_000_000,
+        resolution_scale: 0.5,
         presentation: Presentation {
             output_mode: OutputMode::Freeze,
             pattern: Some(TestPattern::Grid),
@@ -416,6 +422,7 @@ fn statistics() -> Statistics {
         bytes_per_frame: 555.0,
         features: vec!["blend".into()],
         channels: vec![channel; 3],
+        resolution_scale: ResolutionScales { p50: 0.71, min: 0.5 },
     }
 }
 

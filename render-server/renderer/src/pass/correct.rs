@@ -25,7 +25,7 @@ use crate::frame::Submission;
 use crate::gpu::Gpu;
 use crate::output_texture::{ImageEncoding, OutputTexture};
 use crate::pass::tonemap::{clear, resume};
-use crate::target::{Target, TargetError};
+use crate::target::TargetError;
 
 pub(crate) use cells::CellRecord;
 pub use correction_mesh::CorrectionMesh;
@@ -175,12 +175,12 @@ impl Correction {
     pub fn draw(
         &mut self,
         gpu: &Gpu,
-        source: &Target,
+        source: impl AsRef<OutputTexture>,
         eyes: &[EyeAtlas],
         taps: [u32; 2],
         onto: &OutputTexture,
     ) -> Result<Submission, CorrectionError> {
-        self.draw_shape(gpu, None, source, (eyes, taps), onto)
+        self.draw_shape(gpu, None, source.as_ref(), (eyes, taps), onto)
     }
 
     /// As [`Self::draw`], of the pixels of a shape of this correction only: the others stay.
@@ -191,18 +191,18 @@ impl Correction {
         &mut self,
         gpu: &Gpu,
         shape: &CorrectionMesh,
-        source: &Target,
+        source: impl AsRef<OutputTexture>,
         eyes_and_taps: (&[EyeAtlas], [u32; 2]),
         onto: &OutputTexture,
     ) -> Result<Submission, CorrectionError> {
-        self.draw_shape(gpu, Some(shape), source, eyes_and_taps, onto)
+        self.draw_shape(gpu, Some(shape), source.as_ref(), eyes_and_taps, onto)
     }
 
     fn draw_shape(
         &mut self,
         gpu: &Gpu,
         over: Option<&CorrectionMesh>,
-        source: &Target,
+        source: &OutputTexture,
         (eyes, taps): (&[EyeAtlas], [u32; 2]),
         onto: &OutputTexture,
     ) -> Result<Submission, CorrectionError> {
@@ -224,7 +224,7 @@ impl Correction {
         let cells = cells::records(gpu, eyes, shape.origin_in_display);
         let parts = shape.parts(gpu, eyes);
         let resources = [
-            wgpu::BindingResource::TextureView(source.display_view()),
+            wgpu::BindingResource::TextureView(source.view()),
             shape.uniform.as_entire_binding(),
             wgpu::BindingResource::TextureView(&self.light_map),
             self.codes.as_entire_binding(),

@@ -40,6 +40,7 @@ fn every_shader_validates() {
         module("occluder/vertices", &surface(interface, ""));
     }
     module("tonemap", &screen(include_str!("../pass/tonemap.wgsl")));
+    module("enlarge", &screen(include_str!("../pass/enlarge.wgsl")));
     module("output", &screen(include_str!("../pass/output.wgsl")));
     module("correct", include_str!("../pass/correct.wgsl"));
     for is_multisampled in [false, true] {

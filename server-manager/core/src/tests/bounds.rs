@@ -1,6 +1,6 @@
 //! Bounds of error and rate: one decision in every frame, which follows the slowest channel.
 
-use polyptych_protocol::feedback::FrameFeedback;
+use polyptych_protocol::feedback::{FrameFeedback, ResolutionScales};
 use polyptych_protocol::quality_bounds::{DetailBound, ERROR_PX_MAX, QualityBounds};
 use polyptych_wall::view::View;
 
@@ -55,7 +55,8 @@ fn frames_carry_the_error_bound_and_what_it_is_in_the_scene() {
         let head = stage.cluster.presentation.head;
         stage.cluster.wall.pixel_density(&View::of_wall(Camera::IDENTITY), &head)
     };
-    assert_eq!(detail, DetailBound { error_px: 0.5, densities: vec![density(&stage)] });
+    let densities = vec![density(&stage)];
+    assert_eq!(detail, DetailBound { error_px: 0.5, densities, resolution_steps: 0 });
     // A head that moves sees pixels of another size, and a view has its own.
     stage.request(Request::SetHead(DVec3::new(0.3, 0.0, 0.5).into()));
     stage.request(Request::SetViews(vec![View::of_wall(Camera::IDENTITY)]));
@@ -112,15 +113,31 @@ fn the_bound_in_force_follows_the_slowest_channel_and_is_reported() {
 fn a_rate_that_no_detail_keeps_is_told_with_the_channel() {
     let mut stage = ClusterFixture::new(2);
     stage.bound(RATE);
-    for _ in 0..40 {
+    for _ in 0..30 {
         stage.bounded_frame(|_| [60_000, 10_000]);
     }
+    // Before it is said, resolution is tried, and that is said.
     let status = stage.cluster.status(stage.now);
-    assert_eq!(status.error_in_force_px, ERROR_PX_MAX);
+    let detail = stage.frames[0].1.detail.clone();
+    assert_eq!((detail.error_px, status.error_in_force_px), (8.0, 8.0));
+    assert!(detail.resolution_steps > 1 && status.resolution_scale < 0.8, "{detail:?}");
+    let percent = format!("{:.0} % of its pixels", 100.0 * status.resolution_scale);
+    let told = status.warnings.iter().find(|warning| warning.contains(&percent));
+    assert!(told.is_some_and(|told| told.contains("20 frames per second")), "{status:?}");
+    stage.request(Request::Statistics { reset: true });
+    for _ in 0..30 {
+        stage.bounded_frame(|_| [60_000, 10_000]);
+    }
+    stage.request(Request::Statistics { reset: false });
+    let Some((_, Ok(Response::Statistics(all)))) = stage.replies.pop() else { panic!("none") };
+    assert_eq!(all.resolution_scale, ResolutionScales { p50: 0.25, min: 0.25 });
+    let status = stage.cluster.status(stage.now);
+    assert_eq!((status.error_in_force_px, status.resolution_scale), (ERROR_PX_MAX, 0.25));
     let told = status.warnings.iter().find(|warning| warning.contains("20 frames per second"));
     assert!(told.is_some_and(|told| told.contains("channel c0 draws 60.0 ms")), "{status:?}");
     stage.bound(QualityBounds::FINEST);
     assert!(stage.cluster.status(stage.now).warnings.is_empty());
+    assert_eq!(stage.detail(), DetailBound::default());
 }
 
 #[test]

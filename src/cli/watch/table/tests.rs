@@ -42,6 +42,7 @@ pub fn wall(channels: usize) -> WallStatus {
         notes: Vec::new(),
         opening: Vec::new(),
         memory_bytes: 81_000_000,
+        resolution_scale: 1.0,
         presentation: Presentation::new(HeadPose::facing_forward(DVec3::X, 0.05)),
     }
 }
