@@ -3,10 +3,12 @@
 
 mod bench_wall;
 mod distance_transform;
+mod flat_scene;
 mod flip;
 mod frame_samples;
 mod html;
 mod image_error;
+mod load_step;
 mod peers;
 mod plot;
 mod scene_report;
@@ -63,8 +65,8 @@ pub(crate) struct BenchmarkOptions {
 impl BenchmarkOptions {
     /// Steps of one scene that progress counts.
     fn steps(&self, has_peers: bool) -> u64 {
-        let walls = 1 + self.channel_counts[1..].len() as u64 + 1;
-        2 + u64::from(self.repetitions) * walls + u64::from(has_peers)
+        let walls = 1 + self.channel_counts[1..].len() as u64 + 2;
+        3 + u64::from(self.repetitions) * walls + u64::from(has_peers)
     }
 }
 
@@ -107,6 +109,9 @@ impl<'a> Benchmark<'a> {
         let mut bounds = vec![FrameSamples::default(); self.options.bounds_px.len()];
         let mut channels = vec![FrameSamples::default(); self.options.channel_counts.len()];
         let (mut empty, mut samples) = (FrameSamples::default(), FrameSamples::default());
+        let (flat_folder, mut flat) = (tempfile::tempdir()?, FrameSamples::default());
+        let flat_scene = flat_scene::write(&scene.file, flat_folder.path());
+        let flat_scene = flat_scene.map(|file| ReferenceScene { file, ..scene.clone() });
         // In turn, so that a machine whose speed drifts favours no setting.
         for repetition in 1..=self.options.repetitions {
             let stage = self.open(single, scene, format_args!("round {repetition}, all bounds"))?;
@@ -126,12 +131,20 @@ impl<'a> Benchmark<'a> {
             }
             let wall = BenchWall { samples: SAMPLES, ..single };
             self.time_wall(wall, scene, repetition, &mut samples)?;
+            match &flat_scene {
+                Ok(flat_scene) => self.time_wall(single, flat_scene, repetition, &mut flat)?,
+                Err(error) => report.flat_error = Some(format!("{error:#}")),
+            }
         }
+        let stage = self.open(single, scene, "a step of the load")?;
+        report.load_step = Some(load_step::measure(&stage, self.options.frames)?);
+        drop(stage);
         channels[0] = bounds[0].clone();
         for (bound, samples) in report.bounds.iter_mut().zip(&bounds) {
             bound.frames = samples.costs();
         }
         report.empty_frame = Some(empty.costs());
+        report.flat_frame = flat_scene.is_ok().then(|| flat.costs());
         report.channels = (self.options.channel_counts.iter().zip(&channels))
             .map(|(&channels, samples)| ChannelsReport { channels, frames: samples.costs() })
             .collect();

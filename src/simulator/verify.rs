@@ -131,7 +131,7 @@ impl Walls<'_> {
 }
 
 /// The scene whose pictures are compared.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct ReferenceScene {
     /// An absolute path.
     pub file: PathBuf,

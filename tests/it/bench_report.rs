@@ -68,6 +68,21 @@ fn a_report_has_time_detail_and_measured_error_for_every_bound() {
     let empty = &scene["empty_frame"];
     assert_eq!((number(empty, "triangles"), number(empty, "draw_calls")), (0.0, 0.0), "{empty}");
     assert!(number(empty, "frame_ms") < number(full, "frame_ms"), "{empty}, {full}");
+    let flat = &scene["flat_frame"];
+    assert_eq!(number(flat, "triangles"), number(full, "triangles"), "{flat}, {full}");
+    assert_eq!(scene["flat_error"], Value::Null);
+    let step = &scene["load_step"];
+    assert!(number(step, "rate_bound_fps") >= 1.0, "{step}");
+    let phases = step["phases"].as_array().expect("a list");
+    let cameras: Vec<f64> = phases.iter().map(|phase| number(phase, "cameras")).collect();
+    assert_eq!(cameras, [1.0, 2.0, 1.0]);
+    for phase in phases {
+        assert_eq!(number(phase, "frames"), 9.0, "{phase}");
+        assert!(number(phase, "in_time") <= 9.0 && number(phase, "triangles") > 10.0, "{phase}");
+        let (scale, least) =
+            (number(phase, "resolution_scale"), number(phase, "resolution_scale_min"));
+        assert!(0.25 <= least && least <= scale && scale <= 1.0, "{phase}");
+    }
     for (list, key, expected) in [("channels", "channels", [1, 2]), ("samples", "samples", [1, 4])]
     {
         let entries = scene[list].as_array().expect("a list");

@@ -179,10 +179,10 @@ impl ViewAtlas {
         // A channel of a few pixels may have several planes, and each has at least one step.
         let planes = groups.iter().map(Vec::len).sum::<usize>() as f64;
         let pixels_max = (pixels * SOURCE_SHARE_MAX).max(planes * SIDE_STEP * SIDE_STEP);
-        let mut share = scale;
+        let mut share = 1.0;
         loop {
-            if let Some((places, size)) = layout::pack(&groups, share, side_max, pixels_max) {
-                let cut = layout::least_left(&groups, share, side_max, pixels_max);
+            if let Some((places, size)) = layout::pack(&groups, (share, scale), side_max, pixels_max) {
+                let cut = layout::least_left(&groups, (share, scale), side_max, pixels_max);
                 let plan = Self::of(&groups, &places, size, near_m, cut);
                 return Ok(Self { triangles, stereo_error_px, ..plan });
             }

@@ -82,6 +82,11 @@ fn meaning(run: &RunInfo) -> String {
          camera goes around the scene by 1° a frame. Settings take turns in every round.</dd>\n\
          <dt>Empty frame</dt><dd>The same wall and scene while the camera looks away: what a frame \
          costs without anything to draw.</dd>\n\
+         <dt>Flat colour</dt><dd>The same geometry and poses without materials, textures and \
+         lights: what no shading can be faster than.</dd>\n\
+         <dt>Step of the load</dt><dd>A rate bound of 1.3 frames of one camera while the scene is \
+         shown by one camera, by two on a half of the pixels each, and by one again. In time are \
+         frames that took no longer than the bound's period.</dd>\n\
          <dt>Stated error</dt><dd>The largest error in pixels that the servers state for what they \
          drew or left out in any timed frame.</dd>\n\
          <dt>Silhouette</dt><dd>The largest distance in pixels between the outlines of the scene \
@@ -120,6 +125,11 @@ fn add_scene(page: &mut String, scene: &SceneReport) {
     page.push_str("</div>\n");
     page.push_str(&bounds_table(scene));
     page.push_str(&other_table(scene));
+    if let Some(reason) = &scene.flat_error {
+        let reason = escaped(reason);
+        add(page, format_args!("<p class=\"failure\">Flat colour: {reason}</p>\n"));
+    }
+    add_load_step(page, scene);
     add_peers(page, scene);
     page.push_str("</section>\n");
 }
@@ -254,6 +264,7 @@ fn other_table(scene: &SceneReport) -> String {
          <th scope=\"col\">Draw calls</th></tr></thead>\n<tbody>\n",
     );
     let empty = scene.empty_frame.iter().map(|frames| ("empty frame".to_owned(), frames));
+    let flat = scene.flat_frame.iter().map(|frames| ("flat colour".to_owned(), frames));
     let channels =
         scene.channels.iter().map(|c| (polyptych_text::counted(c.channels, "channel"), &c.frames));
     let samples = scene
@@ -261,7 +272,7 @@ fn other_table(scene: &SceneReport) -> String {
         .iter()
         .filter(|s| s.samples > 1)
         .map(|s| (format!("{} samples a pixel", s.samples), &s.frames));
-    for (name, frames) in empty.chain(channels).chain(samples) {
+    for (name, frames) in empty.chain(flat).chain(channels).chain(samples) {
         let spread = &frames.frame_ms_spread;
         let cells = [
             name,
@@ -276,6 +287,38 @@ fn other_table(scene: &SceneReport) -> String {
     }
     table.push_str("</tbody>\n</table>\n");
     table
+}
+
+fn add_load_step(page: &mut String, scene: &SceneReport) {
+    let Some(step) = &scene.load_step else { return };
+    let rate = step.rate_bound_fps;
+    add(
+        page,
+        format_args!(
+            "<table>\n<caption>A step of the load, with a rate bound of {rate:.1} frames per \
+             second</caption>\n<thead><tr><th scope=\"col\">Cameras</th>\
+             <th scope=\"col\">Frames in time</th><th scope=\"col\">Frame, ms</th>\
+             <th scope=\"col\">95 %</th><th scope=\"col\">Error in force, px</th>\
+             <th scope=\"col\">Largest</th><th scope=\"col\">Resolution</th>\
+             <th scope=\"col\">Least</th><th scope=\"col\">Triangles</th></tr></thead>\n<tbody>\n"
+        ),
+    );
+    for phase in &step.phases {
+        let share = 100.0 * f64::from(phase.in_time) / f64::from(phase.frames.max(1));
+        let cells = [
+            phase.cameras.to_string(),
+            format!("{} of {} ({share:.0} %)", phase.in_time, phase.frames),
+            format!("{:.1}", phase.frame_ms.p50),
+            format!("{:.1}", phase.frame_ms.p95),
+            format!("{:.2}", phase.error_in_force_px.p50),
+            format!("{:.2}", phase.error_in_force_px.max),
+            format!("{:.2}", phase.resolution_scale),
+            format!("{:.2}", phase.resolution_scale_min),
+            phase.triangles.to_string(),
+        ];
+        add_row(page, &cells);
+    }
+    page.push_str("</tbody>\n</table>\n");
 }
 
 fn add_peers(page: &mut String, scene: &SceneReport) {

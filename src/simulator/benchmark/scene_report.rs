@@ -10,6 +10,7 @@ use time::OffsetDateTime;
 use super::BenchmarkOptions;
 use super::flip::FlipError;
 use super::frame_samples::FrameCosts;
+use super::load_step::LoadStepReport;
 use super::peers::PeerReport;
 use super::stage::Memory;
 
@@ -100,6 +101,12 @@ pub(crate) struct SceneReport {
     pub(super) bounds: Vec<BoundReport>,
     /// The same wall without anything to draw: the camera looks away from the scene.
     pub(super) empty_frame: Option<FrameCosts>,
+    /// The same geometry at full detail in one colour: without materials and lights.
+    pub(super) flat_frame: Option<FrameCosts>,
+    /// Why this could not be drawn.
+    pub flat_error: Option<String>,
+    /// The rate bound while the load doubles and halves.
+    pub(super) load_step: Option<LoadStepReport>,
     /// Full detail, the same pixels cut into more channels.
     pub(super) channels: Vec<ChannelsReport>,
     /// Full detail, with more samples per pixel.
@@ -124,6 +131,9 @@ impl SceneReport {
             run: run.clone(),
             bounds: Vec::new(),
             empty_frame: None,
+            flat_frame: None,
+            flat_error: None,
+            load_step: None,
             channels: Vec::new(),
             samples: Vec::new(),
             peers: Vec::new(),

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::{Context, bail};
 use glam::DVec3;
 use polyptych_client::{
-    Bounds, Camera, ClientError, FrameFeedback, Image, QualityBounds, SceneSummary,
+    Bounds, Camera, ClientError, FrameFeedback, Image, QualityBounds, SceneSummary, View,
 };
 use polyptych_manager::import::Baker;
 use polyptych_wall::Wall;
@@ -101,10 +101,24 @@ impl Stage {
         Camera::look_at(above, above + up, DVec3::Z)
     }
 
+    /// Returns the width and height of the screen in pixels.
+    pub fn size(&self) -> [u32; 2] {
+        self.wall.screens.first().map_or([1, 1], |screen| screen.canvas.to_array())
+    }
+
     /// Sets the maximum error of what is drawn, in pixels of this wall.
     pub fn set_error_bound(&self, bound_px: f64) -> anyhow::Result<()> {
-        let bounds = QualityBounds { error_px: bound_px, rate_fps: None };
+        self.set_bounds(QualityBounds { error_px: bound_px, rate_fps: None })
+    }
+
+    /// Sets the maximum error and the minimum rate.
+    pub fn set_bounds(&self, bounds: QualityBounds) -> anyhow::Result<()> {
         unless_ended(&self.local, self.local.client.set_bounds(bounds))
+    }
+
+    /// Sets the views over the wall's own camera.
+    pub fn set_views(&self, views: Vec<View>) -> anyhow::Result<()> {
+        unless_ended(&self.local, self.local.client.set_views(views))
     }
 
     /// Draws a frame on all channels.

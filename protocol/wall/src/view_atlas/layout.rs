@@ -11,10 +11,10 @@ const SIDE_WANTED_MAX: f64 = 1e9;
 /// The rectangles of all planes, guards included, and the size of their atlas; `None` where a
 /// texture of `side_max` or `pixels_max` do not hold them. No picture gets more than `share` of
 /// `pixels_max`: those that want the most are cut, such as the poles of a sphere, and not those of
-/// what is between.
+/// what is between. Of the sides that are dense enough, each wants `scale`.
 pub(super) fn pack(
     groups: &[Vec<Group>],
-    share: f64,
+    (share, scale): (f64, f64),
     side_max: u32,
     pixels_max: f64,
 ) -> Option<(Vec<Vec<[u32; 4]>>, UVec2)> {
@@ -26,7 +26,7 @@ pub(super) fn pack(
     for groups in groups {
         let mut rects = Vec::with_capacity(groups.len());
         for group in groups {
-            let wanted = wanted(group);
+            let wanted = wanted(group, scale);
             let sides = (wanted * left(wanted, share, side_max, pixels_max) / SIDE_STEP)
                 .ceil()
                 .max(DVec2::ONE)
@@ -53,8 +53,8 @@ pub(super) fn pack(
 }
 
 /// The sides of a picture; bounded where a pixel asks for no finite number.
-fn wanted(group: &Group) -> DVec2 {
-    group.sides().min(DVec2::splat(SIDE_WANTED_MAX))
+fn wanted(group: &Group, scale: f64) -> DVec2 {
+    (group.sides() * scale).min(DVec2::splat(SIDE_WANTED_MAX))
 }
 
 /// What is left of the sides that a picture wants.
@@ -67,7 +67,12 @@ fn left(wanted: DVec2, share: f64, side_max: u32, pixels_max: f64) -> f64 {
 }
 
 /// What is left of the sides that were wanted, of the picture that is cut most.
-pub(super) fn least_left(groups: &[Vec<Group>], share: f64, side_max: u32, pixels_max: f64) -> f64 {
-    let of = |group: &Group| left(wanted(group), share, side_max, pixels_max);
+pub(super) fn least_left(
+    groups: &[Vec<Group>],
+    (share, scale): (f64, f64),
+    side_max: u32,
+    pixels_max: f64,
+) -> f64 {
+    let of = |group: &Group| left(wanted(group, scale), share, side_max, pixels_max);
     groups.iter().flatten().map(of).fold(1.0, f64::min)
 }
