@@ -76,8 +76,8 @@ pub use glam;
 pub use polyptych_protocol::delivery::QUEUED_REQUESTS_MAX;
 pub use polyptych_protocol::exported_scene::ExportedScene;
 pub use polyptych_protocol::feedback::{
-    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, FrameFeedback, Quantiles, ResolutionScales,
-    Shown, Skew, Statistics, WallStatus,
+    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, FrameFeedback, Quantiles,
+    ResolutionScales, Shown, Skew, Statistics, WallStatus,
 };
 pub use polyptych_protocol::feedback::{Edited, Tuned};
 pub use polyptych_protocol::follow::Follow;

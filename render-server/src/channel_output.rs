@@ -1,11 +1,12 @@
 //! A channel of this server: what it is drawn into, what its display shows, and where.
 
+mod enlarged;
+
 use std::time::Instant;
 
 use glam::UVec2;
 use polyptych_renderer::{
-    Correction, Enlargement, Gpu, ImageEncoding, Label, LabelPosition, OutputTexture, Renderer,
-    Submission, Target, idle,
+    Correction, Gpu, ImageEncoding, Label, LabelPosition, OutputTexture, Target, idle,
 };
 use polyptych_wall::unfold::{WindowLayout, WindowRect};
 use polyptych_wall::{ChannelCalibration, ChannelId, Wall};
@@ -120,53 +121,6 @@ impl ChannelOutput {
     ) -> Result<&mut Target, String> {
         (self.corrected, self.enlarged) = (None, None);
         self.target_like(gpu, size, samples_and_linear, ImageEncoding::Srgb)
-    }
-
-    /// A target of fewer pixels for a channel that is shown as it is drawn: after its frame was
-    /// submitted comes [`Self::enlarge`].
-    ///
-    /// # Errors
-    /// No target can be like that.
-    pub fn ensure_reduced_target(
-        &mut self,
-        gpu: &Gpu,
-        size: [u32; 2],
-        samples_and_linear: (u32, bool),
-    ) -> Result<&mut Target, String> {
-        self.target_like(gpu, size, samples_and_linear, ImageEncoding::Srgb)
-    }
-
-    /// Submits the enlargement of the target to a picture of this size in pixels.
-    ///
-    /// # Errors
-    /// No picture can be like that.
-    pub fn enlarge(
-        &mut self,
-        gpu: &Gpu,
-        renderer: &mut Renderer,
-        (place, size): (Enlargement, [u32; 2]),
-    ) -> Result<Submission, String> {
-        let target = self.target.as_ref().ok_or("there is no target")?;
-        enlarge(gpu, renderer, target, (place, size), &mut self.corrected)
-    }
-
-    /// Submits the enlargement of a correction's source, if it has fewer pixels.
-    ///
-    /// # Errors
-    /// No source can be like that.
-    pub fn enlarge_source(
-        &mut self,
-        gpu: &Gpu,
-        renderer: &mut Renderer,
-        enlargement: Option<(Enlargement, [u32; 2])>,
-    ) -> Result<(), String> {
-        let Some(enlargement) = enlargement else {
-            self.enlarged = None;
-            return Ok(());
-        };
-        let target = self.target.as_ref().ok_or("there is no target")?;
-        // The correction that follows is waited for.
-        enlarge(gpu, renderer, target, enlargement, &mut self.enlarged).map(|_| ())
     }
 
     /// A target of light of this size in pixels, for a channel that is corrected.
@@ -461,27 +415,6 @@ impl ChannelOutput {
             OutputSurface::Offscreen(offscreen) => Some(offscreen.1.size()),
         }
     }
-}
-
-/// Submits the enlargement of a target onto a picture, which is made where there is none that fits.
-fn enlarge(
-    gpu: &Gpu,
-    renderer: &mut Renderer,
-    target: &Target,
-    (place, size): (Enlargement, [u32; 2]),
-    onto: &mut Option<OutputTexture>,
-) -> Result<Submission, String> {
-    let fits = |it: &OutputTexture| it.size() == size && it.content() == target.content();
-    let picture = match onto.take().filter(fits) {
-        Some(known) => known,
-        None => {
-            let made = renderer.picture(gpu, size, target.content());
-            made.map_err(|error| error.to_string())?
-        }
-    };
-    let submitted = renderer.enlarge(gpu, target, place, &picture);
-    *onto = Some(picture);
-    submitted.map_err(|error| error.to_string())
 }
 
 #[cfg(test)]

@@ -434,7 +434,8 @@ impl Corrector {
                 None => Overlay::new(ground, view, &self.correction)?,
             };
             if let Some(sheet) = lay.mesh() {
-                let shots = sheet.eye_views(ground, view, (&eyes, frame.detail.resolution_steps))?;
+                let shots =
+                    sheet.eye_views(ground, view, (&eyes, frame.detail.resolution_steps))?;
                 let views = shots.view_descs((number, view), frame);
                 layers.push(Layer { shots, views, lay: Some(self.lays.len()) });
             }

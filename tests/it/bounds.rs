@@ -9,8 +9,8 @@ use polyptych_client::{
 };
 use serde_json::{Value, json};
 
-use crate::harness::local_wall::{LocalWall, screen_of, shot, small};
-use crate::harness::pictures::{IDENTICAL, SEAMS, check};
+use crate::harness::local_wall::{LocalWall, patient, screen_of, shot, small};
+use crate::harness::pictures::{IDENTICAL, SEAMS, check, read};
 use crate::harness::place::TestDir;
 use crate::harness::scenes::town;
 use crate::harness::simulation::Simulation;
@@ -152,4 +152,43 @@ fn a_simulated_wall_reports_its_bounds() {
     assert!(["front-1-1", "front-2-1"].contains(&limiting), "{limiting}");
     assert!(report["gpu_bytes"].as_u64() > Some(1 << 20), "{report}");
     assert_eq!(report["resolution_scale"], json!({ "p50": 1.0, "min": 1.0 }));
+}
+
+#[test]
+fn a_rate_that_detail_does_not_keep_lowers_the_resolution_of_all_channels_and_is_reported() {
+    let run = |arguments: &[&str]| {
+        let arguments = [&["--frames", "60"], arguments].concat();
+        let wall = patient(small(2, 1));
+        let mut simulation = Simulation::start(TestDir::new(), &wall, town(), &arguments);
+        let said = simulation.process.finish(wait::LIMIT).succeeded();
+        let text = std::fs::read(simulation.place.path("out/report.json")).expect("a report");
+        let report: Value = serde_json::from_slice(&text).expect("JSON");
+        (read(&simulation.place.path("out/wall.png")), report, said)
+    };
+    let (full, report, _) = run(&[]);
+    assert_eq!(report["resolution_scale"], json!({ "p50": 1.0, "min": 1.0 }));
+    // One channel takes 20 ms whatever it draws, and 9 ms are allowed.
+    let slow = ["--rate-bound", "100", "--fault", "at 1 slow 20ms front-1-1"];
+    let (reduced, report, _) = run(&slow);
+    assert_eq!(report["resolution_scale"]["min"], 0.25, "{report}");
+    assert_eq!(report["error_in_force_px"]["max"].as_f64().map(f64::round), Some(64.0), "{report}");
+    assert_eq!(report["late"], 0, "{report}");
+    assert_eq!(reduced.dimensions(), full.dimensions());
+    // The other channel, which had the time, has as few pixels: rows of it change in steps.
+    let (width, height) = full.dimensions();
+    let changes = |picture: &RgbaImage, x: u32| {
+        let rows = (1..height).filter(|&y| {
+            let differ = |(a, b): (u8, u8)| a.abs_diff(b) > 24;
+            let pixel = |y| picture.get_pixel(x, y).0;
+            pixel(y).into_iter().zip(pixel(y - 1)).any(differ)
+        });
+        rows.count()
+    };
+    let total = |picture: &RgbaImage, from: u32| -> usize {
+        (from..from + width / 2).map(|x| changes(picture, x)).sum()
+    };
+    for from in [0, width / 2] {
+        let [sharp, soft] = [&full, &reduced].map(|picture| total(picture, from));
+        assert!(soft * 2 < sharp, "columns from {from}: {soft} edges of {sharp} are left");
+    }
 }

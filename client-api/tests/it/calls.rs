@@ -5,9 +5,9 @@ use std::time::Duration;
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
     Camera, ClientError, Digest, Epoch, FrameId, HeadPose, OPEN_REQUESTS_MAX, OpenProgress,
-    OpenStage, OutputMode, Pacing, Presentation, Quantiles, Request, RequestId, ResolutionScales, Response, Revision,
-    SceneFeatures, SceneSummary, Statistics, TestPattern, Tuned, View, Wall, WallStatus,
-    calibration_change::CalibrationChange,
+    OpenStage, OutputMode, Pacing, Presentation, Quantiles, Request, RequestId, ResolutionScales,
+    Response, Revision, SceneFeatures, SceneSummary, Statistics, TestPattern, Tuned, View, Wall,
+    WallStatus, calibration_change::CalibrationChange,
 };
 use polyptych_protocol::request::MessageToClient;
 

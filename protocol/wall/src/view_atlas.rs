@@ -181,7 +181,9 @@ impl ViewAtlas {
         let pixels_max = (pixels * SOURCE_SHARE_MAX).max(planes * SIDE_STEP * SIDE_STEP);
         let mut share = 1.0;
         loop {
-            if let Some((places, size)) = layout::pack(&groups, (share, scale), side_max, pixels_max) {
+            if let Some((places, size)) =
+                layout::pack(&groups, (share, scale), side_max, pixels_max)
+            {
                 let cut = layout::least_left(&groups, (share, scale), side_max, pixels_max);
                 let plan = Self::of(&groups, &places, size, near_m, cut);
                 return Ok(Self { triangles, stereo_error_px, ..plan });

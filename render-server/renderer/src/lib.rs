@@ -39,7 +39,7 @@ mod tone;
 mod view;
 
 pub use correction::{AtlasViewDesc, BlendMapDesc, CorrectionDesc, CorrectionError, EyeAtlas};
-pub use frame::{BegunFrame, SubmittedFrame, Submission};
+pub use frame::{BegunFrame, Submission, SubmittedFrame};
 pub use gpu::{AdapterInfo, Gpu, GpuError, GpuFault, GpuFaultKind};
 pub use occlusion::OcclusionCulling;
 pub use output_texture::{FINE_FORMAT, ImageEncoding, OutputTexture};

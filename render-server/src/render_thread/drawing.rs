@@ -204,9 +204,7 @@ impl RenderThread {
                 stats.gpu_us += enlarged.as_micros() as u64;
                 stats
             }
-            Submitted::Corrected(frames) => {
-                frames.finish(&self.gpu, &mut self.renderer, output)?
-            }
+            Submitted::Corrected(frames) => frames.finish(&self.gpu, &mut self.renderer, output)?,
         };
         Ok((stats, self.renderer.done().unwrap_or_else(Instant::now)))
     }

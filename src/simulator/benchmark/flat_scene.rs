@@ -156,9 +156,12 @@ mod tests {
         assert_eq!(fs::read(out.join("a.bin")).expect("copied"), b"abc");
         let flat = parsed(&fs::read(written).expect("there"), &file).expect("JSON");
         let primitives = &flat["meshes"][0]["primitives"];
-        assert_eq!(*primitives, json!([
-            { "material": 1, "indices": 4 }, { "material": 0 }, { "material": 0 },
-        ]));
+        assert_eq!(
+            *primitives,
+            json!([
+                { "material": 1, "indices": 4 }, { "material": 0 }, { "material": 0 },
+            ])
+        );
         assert_eq!(flat["materials"][1]["doubleSided"], true);
         assert!(flat["materials"][0]["extensions"][UNLIT].is_object());
         assert_eq!(flat["nodes"], json!([{ "mesh": 0 }]));

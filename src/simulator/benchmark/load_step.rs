@@ -12,8 +12,8 @@ use super::frame_samples::Spread;
 use super::stage::Stage;
 use crate::simulator::orbit;
 
-/// The period of the rate bound as a multiple of a frame of full detail with one camera: two of them
-/// need twice the time of one at most, and so less detail or fewer pixels.
+/// The period of the rate bound as a multiple of a frame of full detail with one camera: two need
+/// up to twice the time of one, and so less detail or fewer pixels.
 const PERIOD_FACTOR: f64 = 1.3;
 
 /// Range of rate bounds that can be asked for, in frames per second.

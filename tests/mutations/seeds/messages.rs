@@ -153,11 +153,7 @@ fn commands() -> Vec<Command> {
             ..Presentation::new(HeadPose::facing_forward(DVec3::new(0.0, 0.1, 0.2), 0.06))
         },
         capture: true,
-        detail: DetailBound {
-            error_px: 0.5,
-            densities: vec![2000.0, 10.0],
-            resolution_steps: 3,
-        },
+        detail: DetailBound { error_px: 0.5, densities: vec![2000.0, 10.0], resolution_steps: 3 },
     };
     let (base, revision) = (Some(Revision(1)), Revision(2));
     vec![

@@ -209,9 +209,7 @@ fn tiles_of_fewer_pixels_have_no_seam() {
 #[test]
 fn channels_of_fewer_pixels_show_the_same_at_the_same_place() {
     let bright = |channel: &mut Channel| channel.adjustment.color.gain = DVec3::splat(0.8);
-    let packed = |packing| {
-        move |channel: &mut Channel| channel.adjustment.packing = packing
-    };
+    let packed = |packing| move |channel: &mut Channel| channel.adjustment.packing = packing;
     let cylinder = Cylinder {
         center: DVec3::ZERO,
         rotation: DQuat::IDENTITY,
@@ -231,7 +229,11 @@ fn channels_of_fewer_pixels_show_the_same_at_the_same_place() {
     let walls = [
         ("plain", tiles(1), vec![]),
         ("with a view in it", tiles(1), vec![inset]),
-        ("with a frustum of its own", with(tiles(1), |it| it.projection = FrustumMode::Own), vec![]),
+        (
+            "with a frustum of its own",
+            with(tiles(1), |it| it.projection = FrustumMode::Own),
+            vec![],
+        ),
         ("corrected", with(tiles(1), bright), vec![]),
         ("two tiles, corrected", with(tiles(2), bright), vec![]),
         ("both eyes", with(tiles(1), packed(StereoPacking::SideBySide)), vec![]),

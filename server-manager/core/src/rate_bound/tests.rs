@@ -159,10 +159,7 @@ impl PixelModel {
 }
 
 /// The reductions of the frames, and how many were late.
-fn reductions(
-    frames: u32,
-    at: impl Fn(u32, Reduction) -> f64,
-) -> (Vec<Reduction>, u32) {
+fn reductions(frames: u32, at: impl Fn(u32, Reduction) -> f64) -> (Vec<Reduction>, u32) {
     let (mut bound, asked, mut late) = (RateBound::default(), asked(0.0), 0);
     let mut all = Vec::new();
     for frame in 0..frames {

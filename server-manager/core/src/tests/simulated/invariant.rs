@@ -7,11 +7,13 @@ use polyptych_files::blob::BlobHash;
 use polyptych_protocol::command::{Command, Frame, Prepare, Swap};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, Revision};
+use polyptych_protocol::quality_bounds::RESOLUTION_STEPS_MAX;
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::state_log::Operation;
 use polyptych_wall::{ChannelId, Wall};
 
 use super::super::change::HOLDS_REFUSED;
+use super::super::reduction::RESOLUTION_FROM_PX;
 use super::super::{Cluster, FRAME_ORDERS_MAX, Micros, SessionId};
 use super::coverage::Coverage;
 use super::manager::Manager;
@@ -258,6 +260,12 @@ impl InvariantChecker {
             return Err(format!("frame {} comes after frame {}", frame.frame, self.last));
         }
         self.last = frame.frame;
+        let (detail, bounds) = (&frame.detail, &frame.presentation.bounds);
+        let is_lowered = detail.resolution_steps > 0;
+        let may_be = bounds.rate_fps.is_some() && detail.error_px >= RESOLUTION_FROM_PX;
+        if detail.resolution_steps > RESOLUTION_STEPS_MAX || (is_lowered && !may_be) {
+            return Err(format!("frame {} has fewer pixels: {detail:?}, {bounds:?}", frame.frame));
+        }
         if frame.revision != self.last_revision {
             self.last_revision = frame.revision;
             self.drawn_since.clear();
