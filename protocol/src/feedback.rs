@@ -286,7 +286,7 @@ pub struct Statistics {
     pub error_in_force_px: Quantiles,
     /// The largest error of what any channel drew or left out, in pixels of the wall.
     pub largest_error_px: f64,
-    /// Bytes of the scene's meshes and textures on the GPUs of all servers.
+    /// Bytes of the scene's meshes and textures on the GPU of the server that has most of them.
     pub gpu_bytes: u64,
     /// The channel that drew longest in most frames.
     #[serde(deserialize_with = "text_of_peer")]

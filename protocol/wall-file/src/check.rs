@@ -6,14 +6,14 @@ use glam::DVec3;
 use polyptych_files::blob::{StoreUrl, StoreUrlError};
 use polyptych_wall::head::{EYE_SEPARATION_MAX_M, HEAD_REACH_MAX_M};
 use polyptych_wall::limits::{
-    CHANNELS_MAX, LEAK_MAX, NAME_BYTES_MAX, PATH_BYTES_MAX, PIPELINE_DEPTH_MAX, PORT_DEFAULT,
+    CHANNELS_MAX, GPU_MIB, HOST_MIB, LEAK_MAX, NAME_BYTES_MAX, PATH_BYTES_MAX, PIPELINE_DEPTH_MAX, PORT_DEFAULT,
     SCREENS_MAX, SWAP_LEAD_MS_MAX,
 };
 use polyptych_wall::viewpoint::STEREO_ERROR_RANGE_PX;
-use polyptych_wall::{BlendConfig, DeadlinePolicy, Screen, StereoRule, SyncPolicy, Wall};
+use polyptych_wall::{BlendConfig, DeadlinePolicy, MemoryBudget, Screen, StereoRule, SyncPolicy, Wall};
 
 use super::document::{
-    BlendSection, DeadlineSection, Document, NetworkSection, ScreenSection, StorageSection,
+    BlendSection, BudgetSection, DeadlineSection, Document, NetworkSection, ScreenSection, StorageSection,
     SyncSection, WallSection,
 };
 use super::error::WallFileError;
@@ -44,6 +44,7 @@ pub(super) fn wall(source: &SourceText<'_>, document: &Document) -> Result<Wall,
     let deadline = deadline(source, &document.deadline)?;
     let sync = sync(source, &document.sync)?;
     check_network(source, &document.network)?;
+    let budget = budget(source, &document.budget)?;
     let stores = stores(source, &document.storage)?;
     let scenes = folders(source, &document.storage)?;
     let eye = DVec3::from_array(document.wall.eye);
@@ -74,6 +75,7 @@ pub(super) fn wall(source: &SourceText<'_>, document: &Document) -> Result<Wall,
         listen: document.network.listen.clone(),
         stores,
         scenes,
+        budget,
     })
 }
 
@@ -206,6 +208,19 @@ fn sync(source: &SourceText<'_>, section: &SyncSection) -> Result<SyncPolicy, Wa
         return Err(source.error("sync.swap_lead_ms", what, remedy));
     }
     Ok(SyncPolicy { pipeline_depth, swap_lead_ms })
+}
+
+fn budget(source: &SourceText<'_>, section: &BudgetSection) -> Result<MemoryBudget, WallFileError> {
+    let &BudgetSection { gpu_mib, host_mib } = section;
+    let ranges = [("budget.gpu_mib", gpu_mib, GPU_MIB), ("budget.host_mib", host_mib, HOST_MIB)];
+    for (key, mib, range) in ranges {
+        if let Some(mib) = mib.filter(|mib| !range.contains(mib)) {
+            let what = format!("a budget of {mib} MiB is not possible");
+            let remedy = format!("write {} to {}, such as 4096", range.start(), range.end());
+            return Err(source.error(key, what, remedy));
+        }
+    }
+    Ok(MemoryBudget { gpu_mib, host_mib })
 }
 
 fn check_network(source: &SourceText<'_>, network: &NetworkSection) -> Result<(), WallFileError> {

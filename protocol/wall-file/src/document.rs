@@ -42,6 +42,9 @@ pub struct Document {
     /// Folders.
     #[serde(default)]
     pub storage: StorageSection,
+    /// The memory that servers may take.
+    #[serde(default)]
+    pub budget: BudgetSection,
     /// How channels share the light of a place that several of them light.
     #[serde(default)]
     pub blend: BlendSection,
@@ -143,6 +146,21 @@ pub struct StorageSection {
     pub stores: Vec<String>,
     /// From where scenes may be opened; nothing outside is.
     pub scenes: Vec<String>,
+}
+
+/// The memory that each server may take for the open scene. A scene that needs more is shown with
+/// fewer levels of detail, the same on all servers.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct BudgetSection {
+    /// Maximum size of a scene's meshes and textures on the GPU of a server, in MiB; 1 to 1048576.
+    /// Default: no limit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gpu_mib: Option<u32>,
+    /// Maximum size of the parts of a scene that a server holds in its main memory at once while it
+    /// loads them, in MiB; 64 to 1048576. Default: no limit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub host_mib: Option<u32>,
 }
 
 /// A surface that channels cover. A planar one's place is given by three corners, as the viewer

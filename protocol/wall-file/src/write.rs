@@ -9,7 +9,7 @@ use polyptych_wall::surface::{Cylinder, Sphere};
 use polyptych_wall::{Bezel, Channel, ChannelKind, FrustumMode, Screen, Surface, Wall};
 
 use super::document::{
-    AdjustSection, BlendSection, ChannelSection, CylinderSection, DeadlineSection, Document,
+    AdjustSection, BlendSection, BudgetSection, ChannelSection, CylinderSection, DeadlineSection, Document,
     HiddenSection, NetworkSection, ProjectionChoice, ProjectorSection, Rotation, ScreenSection,
     SphereSection, StorageSection, SyncSection, TilesSection, WallSection,
 };
@@ -48,6 +48,10 @@ pub fn to_toml(wall: &Wall) -> String {
         },
         network: NetworkSection { listen: wall.listen.clone(), heartbeat_ms: wall.heartbeat_ms },
         storage: StorageSection { stores: wall.stores.clone(), scenes: wall.scenes.clone() },
+        budget: BudgetSection {
+            gpu_mib: wall.budget.gpu_mib,
+            host_mib: wall.budget.host_mib,
+        },
         blend: BlendSection { exponent: wall.blend.exponent, leak: wall.blend.leak },
         screen: (0u16..).zip(&wall.screens).map(|(at, screen)| section(wall, at, screen)).collect(),
         channel: wall.channels.iter().filter_map(|c| adjusted(wall, c)).collect(),

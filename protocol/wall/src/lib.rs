@@ -105,6 +105,37 @@ pub struct Wall {
     pub stores: Vec<String>,
     /// Folders from which scenes may be opened.
     pub scenes: Vec<String>,
+    /// The memory that each server may take for the open scene.
+    #[serde(default)]
+    pub budget: MemoryBudget,
+}
+
+/// The memory that each server may take for the open scene; `None` for no limit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MemoryBudget {
+    /// Maximum size of meshes and textures on the GPU in MiB: within [`limits::GPU_MIB`].
+    pub gpu_mib: Option<u32>,
+    /// Maximum size of parts of the scene in main memory while they are loaded, in MiB: within
+    /// [`limits::HOST_MIB`].
+    pub host_mib: Option<u32>,
+}
+
+impl MemoryBudget {
+    /// Returns whether both are in their ranges.
+    pub fn is_valid(self) -> bool {
+        self.gpu_mib.is_none_or(|mib| limits::GPU_MIB.contains(&mib))
+            && self.host_mib.is_none_or(|mib| limits::HOST_MIB.contains(&mib))
+    }
+
+    /// Returns the maximum size of meshes and textures on the GPU, in bytes.
+    pub fn gpu_bytes(self) -> Option<u64> {
+        self.gpu_mib.map(|mib| u64::from(mib) << 20)
+    }
+
+    /// Returns the maximum size of parts of the scene in main memory, in bytes.
+    pub fn host_bytes(self) -> Option<u64> {
+        self.host_mib.map(|mib| u64::from(mib) << 20)
+    }
 }
 
 /// How long a frame waits: `factor` × the wall's median draw time, within bounds.
@@ -211,6 +242,7 @@ impl Wall {
             listen: "127.0.0.1:0".to_owned(),
             stores: Vec::new(),
             scenes: Vec::new(),
+            budget: MemoryBudget::default(),
         }
     }
 
@@ -238,6 +270,9 @@ impl Wall {
         let SyncPolicy { pipeline_depth, swap_lead_ms } = self.sync;
         if pipeline_depth > PIPELINE_DEPTH_MAX || swap_lead_ms > SWAP_LEAD_MS_MAX {
             return Some("frames are sent or swapped further ahead than may be".into());
+        }
+        if !self.budget.is_valid() {
+            return Some("the budget of memory is out of range".into());
         }
         if !self.stereo.is_sound() {
             return Some("the error of omnidirectional stereo is out of range".into());

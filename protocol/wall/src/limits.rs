@@ -1,5 +1,6 @@
 //! The maximum sizes of a wall, and the defaults of its waits, each with its reason.
 
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
 /// Most channels of a wall; the largest walls known have a few hundred.
@@ -76,6 +77,13 @@ pub const PIPELINE_DEPTH_MAX: u32 = 1;
 /// Maximum time from a swap command to the instant that it states, in milliseconds: the way to a
 /// server on another continent takes as long, and everything that is seen comes so much later.
 pub const SWAP_LEAD_MS_MAX: u32 = 100;
+
+/// Range of the budget of GPU memory of each server, in MiB: up to a TiB, which no GPU has.
+pub const GPU_MIB: RangeInclusive<u32> = 1..=1 << 20;
+
+/// Range of the budget of main memory of each server, in MiB: the largest part of a scene that is
+/// loaded as a whole must fit.
+pub const HOST_MIB: RangeInclusive<u32> = 64..=1 << 20;
 
 /// The manager's port where a wall file names none.
 pub const PORT_DEFAULT: u16 = 7878;

@@ -272,7 +272,7 @@ impl StatisticsCollector {
             error_bound_px: asked_px,
             error_in_force_px: self.error.spread(ERROR_UNITS),
             largest_error_px: self.largest_error_px,
-            gpu_bytes: registry.servers().fold(0, |sum, (_, s)| sum.saturating_add(s.scene_bytes)),
+            gpu_bytes: registry.servers().map(|(_, server)| server.scene_bytes).max().unwrap_or(0),
             limiting_channel: self.limiting_channel(registry),
             // The core sees no bytes.
             bytes_per_frame: 0.0,

@@ -11,7 +11,7 @@ use polyptych_wall::projector::Projector;
 use polyptych_wall::surface::{Cylinder, Plane, Sphere, Surface};
 use polyptych_wall::{
     Bezel, BlendConfig, CalibrationFile, CalibrationFileKind, Channel, ChannelKind, DeadlinePolicy,
-    Eye, FrustumMode, Orientation, Ramps, Screen, StereoPacking, SyncPolicy, Wall,
+    Eye, FrustumMode, MemoryBudget, Orientation, Ramps, Screen, StereoPacking, SyncPolicy, Wall,
 };
 use proptest::prelude::*;
 
@@ -279,17 +279,22 @@ fn cover(wall: &Wall, channel: &mut Channel, adjust: &Adjust) {
     channel.projection = FrustumMode::Own;
 }
 
+fn budget() -> impl Strategy<Value = MemoryBudget> {
+    let mib = |least| prop::option::of(least..=1u32 << 20);
+    (mib(1), mib(64)).prop_map(|(gpu_mib, host_mib)| MemoryBudget { gpu_mib, host_mib })
+}
+
 /// A wall that a file can say.
 pub(crate) fn wall() -> impl Strategy<Value = Wall> {
     (
         prop::collection::vec(seed(), 1..4),
         prop::array::uniform3(-100.0..100.0),
         (1e-6..1e3, any::<bool>(), 20u32..=60_000, "[ -~é]{1,12}"),
-        (1.0..1e9, 1u32..=60_000, 1u32..=60_000, (0u32..=1, 0u32..=100)),
+        (1.0..1e9, 1u32..=60_000, 1u32..=60_000, (0u32..=1, 0u32..=100, budget())),
         (0.0..1.0, 0.1..5.0, 0.0..0.1, any::<bool>()),
     )
         .prop_map(|(mut seeds, eye, (near_m, many, heartbeat_ms, folder), deadline, light)| {
-            let (factor, a, b, (pipeline_depth, swap_lead_ms)) = deadline;
+            let (factor, a, b, (pipeline_depth, swap_lead_ms, budget)) = deadline;
             let (eye_separation_m, exponent, leak, dither) = light;
             let mut wall = Wall {
                 eye: DVec3::from(eye),
@@ -302,6 +307,7 @@ pub(crate) fn wall() -> impl Strategy<Value = Wall> {
                 sync: SyncPolicy { pipeline_depth, swap_lead_ms },
                 heartbeat_ms,
                 listen: "[::]:1".into(),
+                budget,
                 stores: vec![],
                 scenes: vec![format!("/x{}", folder.replace(['/', '.'], ""))],
                 ..Wall::new("random-wall", vec![], vec![])

@@ -1,5 +1,7 @@
 //! Walls that cannot be: numbers, places, tiles and names.
 
+use polyptych_wall::MemoryBudget;
+
 use super::{BY_HAND, SMALLEST, check, check_changed, read};
 
 #[test]
@@ -306,6 +308,26 @@ fn more_than_one_frame_cannot_be_sent_ahead() {
         &sync("swap_lead_ms = 101"),
         "2:1: sync.swap_lead_ms: a swap that is sent 101 ms ahead; write 100 or less, such as 5",
     );
+}
+
+#[test]
+fn rejects_budgets_out_of_range() {
+    let budget = |line: &str| format!("[budget]\n{line}\n{SMALLEST}");
+    check(
+        &budget("gpu_mib = 0"),
+        "2:1: budget.gpu_mib: a budget of 0 MiB is not possible; write 1 to 1048576, such as 4096",
+    );
+    check(
+        &budget("host_mib = 63"),
+        "2:1: budget.host_mib: a budget of 63 MiB is not possible; write 64 to 1048576, such as",
+    );
+    check(&budget("gpu_mib = 1048577"), "2:1: budget.gpu_mib: a budget of 1048577 MiB");
+    for odd in ["-1", "nan", "1.5", "\"4 GiB\"", "4294967296"] {
+        check(&budget(&format!("gpu_mib = {odd}")), "2:");
+    }
+    let wall = read(&budget("gpu_mib = 1\nhost_mib = 1048576"));
+    assert_eq!((wall.budget.gpu_bytes(), wall.budget.host_bytes()), (Some(1 << 20), Some(1 << 40)));
+    assert_eq!(read(SMALLEST).budget, MemoryBudget::default());
 }
 
 #[test]

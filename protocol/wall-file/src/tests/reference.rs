@@ -148,6 +148,12 @@ const SECTIONS: &[Section] = &[
         around: [TILED, ""],
     },
     Section {
+        of: "BudgetSection",
+        heading: "[budget]",
+        example: "[budget]\ngpu_mib = 6144\nhost_mib = 1024\n",
+        around: [TILED, ""],
+    },
+    Section {
         of: "NetworkSection",
         heading: "[network]",
         example: "[network]\nlisten = \"192.168.7.1:7878\"\nheartbeat_ms = 2000\n",

@@ -34,7 +34,7 @@ fn unknown_keys_are_named_with_the_nearest_known_one() {
         "[wall]",
         "[walls]",
         "1:2: walls: there is no key \"walls\" here; did you mean \"wall\"? \
-         keys here: wall, deadline, sync, network, storage, blend, screen, channel",
+         keys here: wall, deadline, sync, network, storage, budget, blend, screen, channel",
     );
     check_changed(
         SMALLEST,
