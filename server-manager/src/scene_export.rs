@@ -5,6 +5,7 @@
 //! for what the notes say, and for the numbers of nodes, meshes and materials.
 
 mod description;
+mod finest_level;
 #[cfg(test)]
 mod tests;
 
@@ -32,6 +33,7 @@ use polyptych_text::counted;
 
 use crate::import::read_scene;
 use description::{NodeJson, light_json, sampler_json};
+use finest_level::FinestLevel;
 
 /// Writes a scene into a nameless file in `folder`, and returns its description and all of its
 /// bytes. Calls `step` with the percentage that is done; `false` ends it.
@@ -301,14 +303,9 @@ impl<'a> SceneWriter<'a> {
             return Ok(known.clone());
         }
         let blob = self.blob(of.blob, of.bytes())?;
-        let (vertices, rest) = blob.split_at(of.vertex_bytes() as usize);
-        let indices = &rest[..of.index_bytes() as usize];
-        let layout = of.layout;
-        // Those that only coarser levels have stand behind the others.
-        let largest = of.index_format.largest(indices).unwrap_or(0);
-        let vertex_count = of.vertex_count.min(largest.saturating_add(1));
-        let vertices = &vertices[..vertex_count as usize * layout.stride() as usize];
-        let view = self.file.view(ViewTarget::Vertices(layout.stride()), vertices)?;
+        let FinestLevel { vertices, indices, vertex_count } = FinestLevel::of(of, &blob);
+        let (layout, indices) = (of.layout, &*indices);
+        let view = self.file.view(ViewTarget::Vertices(layout.stride()), &vertices)?;
         let file = &mut self.file;
         let mut attribute = |name: &str, offset: u32, width: u32, bounds| {
             let (component, count) = (Component::F32, vertex_count);

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
 use polyptych_files::blob::{BlobHash, BlobStore};
-use polyptych_scene::{IndexFormat, Primitive, Topology};
+use polyptych_scene::{Primitive, Topology};
 use polyptych_wall::triangle_bvh::TriangleBvh;
 
 /// Most bytes of triangles that are kept; beyond it, all are forgotten and read anew.
@@ -64,8 +64,8 @@ impl Triangles {
         if bytes.len() as u64 != primitive.bytes() {
             return Err("a mesh of the open scene is not what its description says".into());
         }
-        let (vertices, rest) = bytes.split_at(primitive.vertex_bytes() as usize);
-        let indices = &rest[..primitive.index_bytes() as usize];
+        let vertices = &bytes[..primitive.vertex_bytes() as usize];
+        let indices = primitive.finest_indices_of(bytes);
         let vertices = vertices.chunks_exact(primitive.layout.stride() as usize);
         let number = |vertex: &[u8], at: usize| {
             let bytes = vertex.get(at..at + 4).and_then(|bytes| bytes.try_into().ok());
@@ -73,16 +73,7 @@ impl Triangles {
         };
         let point = |v: &[u8]| DVec3::new(number(v, 0), number(v, 4), number(v, 8));
         let points: Vec<DVec3> = vertices.map(|v| primitive.origin + point(v)).collect();
-        let indices: Vec<u32> = match primitive.index_format {
-            IndexFormat::U16 => {
-                let words = indices.as_chunks::<2>().0.iter();
-                words.map(|word| u16::from_le_bytes(*word).into()).collect()
-            }
-            IndexFormat::U32 => {
-                let words = indices.as_chunks::<4>().0.iter();
-                words.map(|word| u32::from_le_bytes(*word)).collect()
-            }
-        };
+        let indices: Vec<u32> = primitive.index_format.numbers(&indices).collect();
         let corners = indices.as_chunks::<3>().0.to_vec();
         if corners.iter().flatten().any(|index| *index as usize >= points.len()) {
             return Err("a mesh of the open scene has an index behind its vertices".into());

@@ -56,6 +56,8 @@ fn scene(nodes: u64) -> Scene {
         index_count: 36,
         coarser_index_count: 0,
         meshlet_count: 0,
+        cuts: Vec::new(),
+        finest_level: 0,
         index_format: IndexFormat::U16,
         topology: Topology::Triangles,
         material: None,

@@ -8,6 +8,7 @@ mod edit;
 mod features;
 pub mod glb;
 mod layers;
+mod level_cut;
 pub mod limits;
 mod material;
 mod measured;
@@ -17,6 +18,7 @@ mod node_edits;
 mod node_extras;
 mod outline;
 mod placed_nodes;
+pub mod residency;
 mod scene_edits;
 mod shared_map;
 mod style;
@@ -30,6 +32,7 @@ pub use edit::{
 };
 pub use features::SceneFeatures;
 pub use layers::{Layers, NodeTraits, SceneSubset};
+pub use level_cut::{CUTS_MAX, LevelCut};
 pub use material::{AlphaMode, Material, TextureRef};
 pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 pub use node_edits::NodeEdits;
@@ -242,6 +245,9 @@ impl Scene {
             if mesh.primitives.iter().any(Primitive::has_unusable_levels) {
                 return Some(format!("mesh {i} has levels of detail that cannot be drawn"));
             }
+            if let Some(fault) = mesh.cuts_fault() {
+                return Some(format!("mesh {i} has {fault}"));
+            }
         }
         for (i, material) in self.materials.iter().enumerate() {
             if material.textures().any(|t| t.texture as usize >= self.textures.len()) {
@@ -291,6 +297,8 @@ mod tests {
             index_count: 3,
             coarser_index_count: 0,
             meshlet_count: 0,
+            cuts: Vec::new(),
+            finest_level: 0,
             index_format: IndexFormat::U16,
             topology: Topology::Triangles,
             material: None,

@@ -4,6 +4,7 @@ use glam::{DVec3, Vec3};
 use polyptych_files::blob::BlobHash;
 use serde::{Deserialize, Serialize};
 
+use super::level_cut::LevelCut;
 use super::meshlet::Meshlet;
 
 /// Parts that are drawn together under one node.
@@ -17,16 +18,17 @@ pub struct Mesh {
 
 /// Geometry with one material.
 ///
-/// Its blob holds `vertex_count` vertices of [`VertexLayout::stride`] bytes, then the `index_count`
-/// indices of the finest level, those of coarser levels, zeros up to a multiple of 4 bytes if it
-/// has meshlets, and the [`Meshlet`]s; all little-endian, nothing else.
+/// Its blob holds `vertex_count` vertices of [`VertexLayout::stride`] bytes, then the indices of
+/// all levels, zeros up to a multiple of 4 bytes if it has meshlets, and the [`Meshlet`]s; all
+/// little-endian, nothing else. Meshlets that stay longest when levels are left out stand first,
+/// indices are in the order of the meshlets, and vertices in that of the indices: [`LevelCut`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Primitive {
     /// The bytes.
     pub blob: BlobHash,
     /// What each vertex holds.
     pub layout: VertexLayout,
-    /// Number of vertices. Those that only coarser levels name stand behind the others.
+    /// Number of vertices, of all levels.
     pub vertex_count: u32,
     /// Number of indices of the finest level; never 0.
     pub index_count: u32,
@@ -47,6 +49,10 @@ pub struct Primitive {
     pub min: Vec3,
     /// The greatest corner of the vertices, relative to `origin`.
     pub max: Vec3,
+    /// The coarser levels that can be held without the finer ones, the coarsest first.
+    pub cuts: Vec<LevelCut>,
+    /// The level that is drawn as the finest one: 0, unless it is limited to a cut.
+    pub finest_level: u32,
 }
 
 /// Which attributes a vertex has. Position and normal are always there.
@@ -104,15 +110,24 @@ pub enum IndexFormat {
 impl IndexFormat {
     /// Returns the largest of these indices, which are little-endian; `None` without one.
     pub fn largest(self, bytes: &[u8]) -> Option<u32> {
+        self.numbers(bytes).max()
+    }
+
+    /// The numbers of these indices, which are little-endian.
+    pub fn numbers(self, bytes: &[u8]) -> impl Iterator<Item = u32> {
+        let words = bytes.chunks_exact(self.width());
+        words.map(|word| match *word {
+            [a, b, c, d] => u32::from_le_bytes([a, b, c, d]),
+            [a, b] => u16::from_le_bytes([a, b]).into(),
+            _ => 0,
+        })
+    }
+
+    /// Bytes of an index.
+    fn width(self) -> usize {
         match self {
-            Self::U16 => {
-                let words = bytes.as_chunks::<2>().0.iter();
-                words.map(|word| u16::from_le_bytes(*word).into()).max()
-            }
-            Self::U32 => {
-                let words = bytes.as_chunks::<4>().0.iter();
-                words.map(|word| u32::from_le_bytes(*word)).max()
-            }
+            Self::U16 => 2,
+            Self::U32 => 4,
         }
     }
 }
@@ -134,7 +149,7 @@ impl Primitive {
         u64::from(self.vertex_count) * u64::from(self.layout.stride())
     }
 
-    /// Bytes of the indices of the finest level, which follow the vertices.
+    /// Bytes of the indices of the finest level.
     pub fn index_bytes(&self) -> u64 {
         u64::from(self.index_count) * self.index_width()
     }
@@ -169,11 +184,9 @@ impl Primitive {
         !(is_plain || (is_short && is_drawn))
     }
 
-    fn index_width(&self) -> u64 {
-        match self.index_format {
-            IndexFormat::U16 => 2,
-            IndexFormat::U32 => 4,
-        }
+    /// Bytes of an index.
+    pub(super) fn index_width(&self) -> u64 {
+        self.index_format.width() as u64
     }
 
     /// Triangles that it draws.

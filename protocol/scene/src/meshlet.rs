@@ -23,7 +23,8 @@ pub struct ErrorSphere {
 /// A run of triangles of one level of detail.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Meshlet {
-    /// The place of its first index among all indices of the blob, coarser levels included.
+    /// The place of its first index in the order in which all are drawn: the finest level first,
+    /// then coarser ones. The blob has them in the order of its meshlets.
     pub first_index: u32,
     /// Number of its indices; a multiple of 3, never 0.
     pub index_count: u32,
@@ -46,13 +47,15 @@ pub struct Meshlet {
     pub coarser_error: f32,
     /// The sphere of `coarser_error`, around `sphere`.
     pub coarser_sphere: ErrorSphere,
+    /// Its level of detail: 0 is the finest; what replaces it has a higher one.
+    pub level: u32,
 }
 
 impl Meshlet {
     /// Bytes of a meshlet in a blob.
-    pub const BYTES: usize = 88;
+    pub const BYTES: usize = 92;
 
-    /// Its 22 words in the order of the fields, little-endian.
+    /// Its 23 words in the order of the fields, little-endian.
     pub fn to_bytes(&self) -> [u8; Self::BYTES] {
         let sphere = |of: &ErrorSphere| [of.center.x, of.center.y, of.center.z, of.radius];
         let (own, coarser) = (sphere(&self.sphere), sphere(&self.coarser_sphere));
@@ -67,6 +70,7 @@ impl Meshlet {
         ];
         let floats = floats.into_iter().flatten().map(|number| number.to_bits());
         let words = [self.first_index, self.index_count].into_iter().chain(floats);
+        let words = words.chain([self.level]);
         let mut bytes = [0; Self::BYTES];
         for (to, word) in bytes.as_chunks_mut::<4>().0.iter_mut().zip(words) {
             *to = word.to_le_bytes();
@@ -92,6 +96,7 @@ impl Meshlet {
             sphere: sphere(13),
             coarser_error: float(17),
             coarser_sphere: sphere(18),
+            level: word(22),
         }
     }
 
@@ -141,6 +146,24 @@ pub fn fault(meshlets: &[Meshlet], fine: u32, indices: u32) -> Option<String> {
         .then(|| format!("the finest level has {next} indices, where {fine} would be right"))
 }
 
+/// Puts the meshlets of a blob into the order in which they are drawn, with the indices of each
+/// behind those of the one before. Returns the place of each one's first index in the blob.
+pub fn put_in_draw_order(meshlets: &mut [Meshlet]) -> Vec<u64> {
+    let mut next_in_blob = 0;
+    let mut placed: Vec<(Meshlet, u64)> = Vec::with_capacity(meshlets.len());
+    for meshlet in &*meshlets {
+        placed.push((*meshlet, next_in_blob));
+        next_in_blob += u64::from(meshlet.index_count);
+    }
+    placed.sort_by_key(|(meshlet, _)| meshlet.first_index);
+    let mut next: u32 = 0;
+    for (to, (meshlet, _)) in meshlets.iter_mut().zip(&placed) {
+        *to = Meshlet { first_index: next, ..*meshlet };
+        next = next.saturating_add(meshlet.index_count);
+    }
+    placed.into_iter().map(|(_, at)| at).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -157,6 +180,7 @@ mod tests {
             sphere: ErrorSphere { center: Vec3::new(5.0, 6.0, 7.0), radius: 8.0 },
             coarser_error: 0.5,
             coarser_sphere: ErrorSphere { center: Vec3::new(9.0, 10.0, 11.0), radius: 12.0 },
+            level: 3,
         }
     }
 

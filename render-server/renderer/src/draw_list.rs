@@ -48,7 +48,7 @@ pub(crate) struct DrawList {
     /// Within the rectangle, whichever way they face.
     pub triangles: u64,
     pub visible: u32,
-    /// The largest error as a share of what is allowed where it is drawn, 0 to 1.
+    /// See [`DrawStats::error_share`](crate::DrawStats::error_share).
     pub error_share: f32,
     /// Pixels that visible items may touch; `None` where there are none.
     pub touched: Option<[u32; 4]>,

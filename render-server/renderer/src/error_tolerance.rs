@@ -52,18 +52,22 @@ pub(crate) struct ErrorTolerance {
     eye_offset: f64,
     angle_rad: f64,
     length: f64,
+    /// The unit of errors that are larger than allowed: an angle, and a length.
+    unit: [f64; 2],
 }
 
 impl ErrorTolerance {
     pub fn new(view: &ViewDesc) -> Self {
-        let AllowedError { angle_rad, length, eye_offset } = view.allowed_error;
+        let AllowedError { angle_rad, length, eye_offset, pixel } = view.allowed_error;
         let eye = view.middle_eye_in_world;
         if view.is_parallel() {
             // What parallel rays show of an error is the same at all distances.
-            return Self { eye, eye_offset: 0.0, angle_rad: 0.0, length };
+            let unit = [0.0, if length > 0.0 { length } else { pixel }];
+            return Self { eye, eye_offset: 0.0, angle_rad: 0.0, length, unit };
         }
         let eye_offset = rounded_up(view.eye_in_world.distance(eye).max(eye_offset));
-        Self { eye, eye_offset, angle_rad, length }
+        let unit = if angle_rad > 0.0 || length > 0.0 { [angle_rad, length] } else { [pixel, 0.0] };
+        Self { eye, eye_offset, angle_rad, length, unit }
     }
 
     /// Returns whether only the finest level is allowed.
@@ -156,6 +160,22 @@ impl ItemErrors {
         let distance = (self.origin + center).length();
         let slack = SLACK * sizes;
         [-reach - slack, reach + slack].map(|by| self.tolerance.at(distance + by))
+    }
+
+    /// Returns an error that is drawn though it may be larger than allowed, where it is at the
+    /// nearest point of a sphere: as a share of what is allowed, or in pixels if nothing is.
+    ///
+    /// An eye that is nearer than the error itself sees it from there: under a radian.
+    pub fn held_share(&self, error: f32, around: &BoundingSphere) -> f64 {
+        let length = f64::from(error) * self.stretch;
+        if length <= 0.0 {
+            return 0.0;
+        }
+        let center = self.origin + self.linear * around.center;
+        let distance = center.length() - self.stretch * around.radius;
+        let [angle_rad, by_length] = self.tolerance.unit;
+        let unit = angle_rad * distance.max(length) + by_length;
+        if unit > 0.0 { length / unit } else { 0.0 }
     }
 
     /// Returns an error above 0 as a share of an allowed one, in units of the world; `None` if it

@@ -28,7 +28,8 @@ pub(crate) struct ItemDraws<'a> {
 pub(crate) struct DrawnItem {
     /// Within the rectangle, whichever way they face.
     pub triangles: u64,
-    /// The largest error as a share of what is allowed, 0 to 1.
+    /// The largest error as a share of what is allowed: 0 to 1, or more where finer levels are not
+    /// held. In pixels if nothing is allowed.
     pub error_share: f64,
 }
 

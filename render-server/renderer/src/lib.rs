@@ -98,7 +98,8 @@ pub struct DrawStats {
     /// Primitives in their places that others hide, and that were left out for it.
     pub occluded: u32,
     /// The largest error of what was drawn coarser than it is or left out as too small, as a share
-    /// of what is allowed where it stands; 0 to 1, and 0 if all is at its finest.
+    /// of what is allowed where it stands: 0 to 1, and 0 if all is at its finest. More than 1 where
+    /// finer levels are not held; in pixels if nothing is allowed.
     pub error_share: f32,
     /// Microseconds to find what others hide, with the wait for the depth of these.
     pub occlusion_us: u64,

@@ -62,11 +62,14 @@ pub struct AllowedError {
     /// The distance of any eye of the wall from that point, in units of the world: each view allows
     /// no more than the eye that is farthest from it does, whichever it is for.
     pub eye_offset: f64,
+    /// A pixel, in radians or, of parallel rays, in units of the world: the unit of errors of
+    /// levels that are drawn for want of finer ones where no error is allowed. 0 if not known.
+    pub pixel: f64,
 }
 
 impl AllowedError {
     /// Only the finest level.
-    pub const NONE: Self = Self { angle_rad: 0.0, length: 0.0, eye_offset: 0.0 };
+    pub const NONE: Self = Self { angle_rad: 0.0, length: 0.0, eye_offset: 0.0, pixel: 0.0 };
 }
 
 /// Twin of `Frame` in `include/frame.wgsl`.
@@ -261,9 +264,9 @@ impl ViewDesc {
         if !finite {
             return Some("a number in it is not finite".to_owned());
         }
-        let AllowedError { angle_rad, length, eye_offset } = self.allowed_error;
+        let AllowedError { angle_rad, length, eye_offset, pixel } = self.allowed_error;
         let is_error = |number: f64| number.is_finite() && number >= 0.0;
-        if ![angle_rad, length, eye_offset].into_iter().all(is_error) {
+        if ![angle_rad, length, eye_offset, pixel].into_iter().all(is_error) {
             let got = format!(
                 "{angle_rad} rad and {length} units of the world, of eyes {eye_offset} off"
             );

@@ -17,6 +17,7 @@
 mod appearance;
 mod chart;
 mod clustering;
+pub(super) mod coarse_first;
 mod cone;
 mod contraction;
 mod convex_polygon;
@@ -54,6 +55,8 @@ pub(super) struct Levels {
     pub indices: Vec<u32>,
     /// Those of the finest level first.
     pub meshlets: Vec<Meshlet>,
+    /// By meshlet: the level of those that replace it, [`u32::MAX`] if none do.
+    pub replaced_at: Vec<u32>,
     /// Counts and errors of each level.
     pub facts: LevelFacts,
 }
@@ -129,10 +132,12 @@ fn levels_of(source: &Source<'_>, surface: &Surface<'_>, clusters: &[&Cluster]) 
         added: Vec::new(),
         indices: Vec::new(),
         meshlets: Vec::with_capacity(clusters.len()),
+        replaced_at: Vec::with_capacity(clusters.len()),
         facts: LevelFacts::default(),
     };
     for cluster in clusters {
         levels.meshlets.push(meshlet(source, cluster, levels.indices.len()));
+        levels.replaced_at.push(cluster.replaced_at);
         levels.indices.extend(cluster.indices.iter().map(|at| source.vertex_in_surface(*at)));
         let mut triangles = vec![0; cluster.level + 1];
         let mut errors = vec![0.0; cluster.level + 1];
@@ -163,5 +168,6 @@ fn meshlet(source: &Source<'_>, cluster: &Cluster, first_index: usize) -> Meshle
         sphere: cluster.sphere,
         coarser_error: cluster.coarser_error,
         coarser_sphere: cluster.coarser_sphere,
+        level: cluster.level as u32,
     }
 }

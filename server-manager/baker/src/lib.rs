@@ -66,7 +66,7 @@ use shared_borders::SharedBorders;
 use source::GltfSource;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 7;
+const BAKER_VERSION: u32 = 8;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.

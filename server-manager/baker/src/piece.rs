@@ -8,7 +8,7 @@ use polyptych_scene::meshlet::Meshlet;
 use polyptych_scene::{IndexFormat, Primitive, Topology, VertexLayout};
 
 use super::error::BakeError;
-use super::levels::{self, LevelFacts, Levels, Surface};
+use super::levels::{self, LevelFacts, Levels, Surface, coarse_first};
 use super::{check, vertex_cache};
 
 /// Most vertices that 16-bit indices are used for: 65,535 is left free, as it restarts strips.
@@ -66,12 +66,14 @@ impl Piece {
         let is_surface = |piece: &&Self| piece.topology == Topology::Triangles;
         let surfaces: Vec<Surface<'_>> =
             pieces.iter().filter(is_surface).map(Self::surface).collect();
-        let mut levels = levels::build(&surfaces, cancel)?.into_iter();
+        let levels = levels::build(&surfaces, cancel)?;
+        let kept = coarse_first::kept_levels(&levels);
+        let mut levels = levels.into_iter();
         let mut blobs = Vec::with_capacity(pieces.len());
         for piece in pieces {
             check(cancel)?;
             let levels = if is_surface(&&piece) { levels.next().flatten() } else { None };
-            blobs.push(piece.blob(levels));
+            blobs.push(piece.blob(levels, &kept));
         }
         Ok(blobs)
     }
@@ -86,13 +88,17 @@ impl Piece {
         }
     }
 
-    fn blob(mut self, levels: Option<Levels>) -> Blob {
+    /// Makes the bytes, with cuts at the kept levels.
+    fn blob(mut self, levels: Option<Levels>, kept: &[u32]) -> Blob {
         let fine_count = self.indices.len();
         let mut meshlets = Vec::new();
+        let mut cuts = Vec::new();
         let mut facts = LevelFacts::default();
         let is_plain = levels.is_none();
         if let Some(levels) = levels {
-            self.vertices.extend(levels.added);
+            let mut levels = coarse_first::ordered(levels);
+            cuts = coarse_first::cuts(&levels, kept);
+            self.vertices.append(&mut levels.added);
             self.indices = levels.indices;
             meshlets = levels.meshlets;
             facts.add(&levels.facts, self.scale);
@@ -106,7 +112,12 @@ impl Piece {
             }
         }
         let order = vertex_cache::vertices(&mut self.indices, vertex_count);
+        for cut in &mut cuts {
+            let named = &self.indices[..cut.index_count_of_all() as usize];
+            cut.vertex_count = named.iter().max().map_or(0, |last| last + 1);
+        }
         let (primitive, bytes) = self.lay_out(&order, fine_count, &meshlets);
+        let primitive = Primitive { cuts, ..primitive };
         Blob { bytes, primitive, levels: facts, place: self.place }
     }
 
@@ -154,6 +165,8 @@ impl Piece {
             origin: DVec3::ZERO,
             min,
             max,
+            cuts: Vec::new(),
+            finest_level: 0,
         };
         (primitive, bytes)
     }

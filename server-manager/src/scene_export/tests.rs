@@ -27,6 +27,8 @@ fn triangle(store: &BlobStore, origin: DVec3) -> Primitive {
         index_count: 3,
         coarser_index_count: 0,
         meshlet_count: 0,
+        cuts: Vec::new(),
+        finest_level: 0,
         index_format: IndexFormat::U16,
         topology: Topology::Triangles,
         material: None,

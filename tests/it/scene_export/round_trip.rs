@@ -158,6 +158,8 @@ fn primitive(random: &mut Rng, scene: &Scene, store: &BlobStore) -> Primitive {
         index_count: indices.len() as u32,
         coarser_index_count: 0,
         meshlet_count: 0,
+        cuts: Vec::new(),
+        finest_level: 0,
         index_format: IndexFormat::U16,
         topology,
         material,
@@ -253,8 +255,8 @@ fn rounded(values: impl IntoIterator<Item = f32>) -> Vec<i64> {
 /// its least vertex, and turns as before.
 fn elements(of: &Primitive, store: &BlobStore) -> Vec<Vec<Vec<u8>>> {
     let blob = store.read(of.blob).expect("read").expect("there");
-    let (vertices, rest) = blob.split_at(of.vertex_bytes() as usize);
-    let indices = &rest[..of.index_bytes() as usize];
+    let vertices = &blob[..of.vertex_bytes() as usize];
+    let indices = &*of.finest_indices_of(&blob);
     let stride = of.layout.stride() as usize;
     let vertex = |index: &[u8]| {
         let index = usize::from(u16::from_le_bytes([index[0], index[1]]));

@@ -35,8 +35,8 @@ use polyptych_protocol::state_log::{Operation, SceneRef};
 use polyptych_protocol::stored_view::StoredView;
 use polyptych_protocol::tour_status::TourStatus;
 use polyptych_scene::{
-    AlphaMode, Attribute, Bounds, IndexFormat, Instance, Light, LightKind, Material, Mesh, Node,
-    NodeExtras, NodeId, Primitive, Sampler, Scene, SceneFeatures, SceneSubset, Texture,
+    AlphaMode, Attribute, Bounds, IndexFormat, Instance, LevelCut, Light, LightKind, Material,
+    Mesh, Node, NodeExtras, NodeId, Primitive, Sampler, Scene, SceneFeatures, SceneSubset, Texture,
     TextureFormat, TextureRef, Topology, VertexLayout,
 };
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Edge, Offset};
@@ -533,8 +533,17 @@ fn scene() -> Scene {
         layout,
         vertex_count: 3,
         index_count: 3,
-        coarser_index_count: 0,
-        meshlet_count: 0,
+        coarser_index_count: 3,
+        meshlet_count: 2,
+        cuts: vec![LevelCut {
+            level: 1,
+            vertex_count: 3,
+            index_count: 3,
+            coarser_index_count: 0,
+            meshlet_count: 1,
+            error: 0.5,
+        }],
+        finest_level: 0,
         index_format: IndexFormat::U16,
         topology: Topology::Triangles,
         material: Some(0),

@@ -290,6 +290,8 @@ fn added_assets_stand_at_their_numbers_whatever_was_there_before() {
             index_count: 3,
             coarser_index_count: 0,
             meshlet_count: 0,
+            cuts: Vec::new(),
+            finest_level: 0,
             index_format: IndexFormat::U16,
             topology: Topology::Triangles,
             material: Some(0),

@@ -1,5 +1,6 @@
 //! Vertices and indices on the GPU.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use polyptych_scene::{IndexFormat, Primitive};
@@ -32,7 +33,13 @@ impl Geometry {
         bytes: &[u8],
         meshlets: Option<Meshlets>,
     ) -> Result<Self, String> {
-        let bytes = &bytes[..desc.geometry_bytes() as usize];
+        let (vertices, rest) = bytes.split_at(desc.vertex_bytes() as usize);
+        let index_bytes = (desc.geometry_bytes() - desc.vertex_bytes()) as usize;
+        let index_width = index_bytes / desc.index_count_of_all().max(1) as usize;
+        let in_blob = &rest[..index_bytes];
+        let indices = meshlets.as_ref().map_or(Cow::Borrowed(in_blob), |meshlets| {
+            meshlets.in_draw_order(in_blob, index_width)
+        });
         let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("geometry/buffer"),
             // An odd number of short indices ends between two multiples of 4.
@@ -42,7 +49,9 @@ impl Geometry {
         });
         {
             let mut view = buffer.get_mapped_range_mut(..).map_err(|error| error.to_string())?;
-            view.slice(..bytes.len()).copy_from_slice(bytes);
+            view.slice(..vertices.len()).copy_from_slice(vertices);
+            let end = vertices.len() + indices.len();
+            view.slice(vertices.len()..end).copy_from_slice(&indices);
         }
         buffer.unmap();
         let index_format = if desc.index_format == IndexFormat::U32 {

@@ -180,6 +180,11 @@ impl SceneLayout {
         Self { ground, ..self }
     }
 
+    /// Its meshes, materials and textures; nodes and lights are placed.
+    pub fn content(&self) -> &Scene {
+        &self.desc
+    }
+
     /// Returns what must be brought to the GPU where another scene is there: the bytes, each once,
     /// and where they go.
     pub fn content_beyond(&self, held: Option<&Self>) -> Vec<(BlobHash, ContentPlace)> {

@@ -5,6 +5,8 @@
 //! rectangle, and where all of its triangles face away from the eye. Which levels are drawn does
 //! not depend on the channel: see [`ItemErrors`].
 
+use std::borrow::Cow;
+
 use glam::{DMat3, DVec3};
 use polyptych_scene::Primitive;
 use polyptych_scene::meshlet::{self, Meshlet};
@@ -38,8 +40,7 @@ struct Block {
 
 impl Block {
     fn new(first: usize, meshlets: &[Meshlet]) -> Self {
-        let boxes = meshlets.iter().map(|of| Bounds { min: of.min.into(), max: of.max.into() });
-        let all = boxes.fold(Bounds::EMPTY, Bounds::union);
+        let all = meshlets.iter().map(box_of).fold(Bounds::EMPTY, Bounds::union);
         Self {
             first: first as u32,
             count: meshlets.len() as u32,
@@ -90,6 +91,53 @@ pub(crate) struct Meshlets {
     coarsest: Option<[u32; 2]>,
     /// The greatest error of these.
     coarsest_error: f32,
+    /// The places of the first index of each in the blob; empty if they are those of the GPU.
+    in_blob: Vec<u64>,
+    held: HeldDetail,
+}
+
+/// The true errors of what is drawn as the finest level where finer ones are not held.
+#[derive(Clone, Debug)]
+struct HeldDetail {
+    largest: f32,
+    /// The box around all these meshlets.
+    bounds: Bounds,
+    /// By meshlet in the order of drawing, in which these are the first ones.
+    errors: Vec<f32>,
+}
+
+impl HeldDetail {
+    fn add(&mut self, error: f32, meshlet: &Meshlet) {
+        self.errors.push(error);
+        self.largest = self.largest.max(error);
+        self.bounds = self.bounds.union(box_of(meshlet));
+    }
+
+    /// The share of one in what is drawn: see [`ItemErrors::held_share`].
+    fn share(&self, (at, meshlet): (u32, &Meshlet), errors: &ItemErrors) -> f64 {
+        let error = self.errors.get(at as usize).copied().unwrap_or(0.0);
+        if error > 0.0 { errors.held_share(error, &near(box_of(meshlet), error)) } else { 0.0 }
+    }
+
+    fn largest_share(&self, errors: &ItemErrors) -> f64 {
+        let around = near(self.bounds, self.largest);
+        if self.largest > 0.0 { errors.held_share(self.largest, &around) } else { 0.0 }
+    }
+}
+
+impl Default for HeldDetail {
+    fn default() -> Self {
+        Self { largest: 0.0, bounds: Bounds::EMPTY, errors: Vec::new() }
+    }
+}
+
+fn box_of(meshlet: &Meshlet) -> Bounds {
+    Bounds { min: meshlet.min.into(), max: meshlet.max.into() }
+}
+
+/// A sphere around all that is no farther than an error from a box.
+fn near(bounds: Bounds, error: f32) -> BoundingSphere {
+    BoundingSphere { center: bounds.center(), radius: bounds.half().length() + f64::from(error) }
 }
 
 impl Meshlets {
@@ -99,23 +147,55 @@ impl Meshlets {
     /// # Errors
     /// They are not those of its indices, or a number of theirs is out of bounds.
     pub fn parse(desc: &Primitive, bytes: &[u8]) -> Result<Option<Self>, String> {
-        let bytes = bytes.get(desc.first_meshlet_byte() as usize..).unwrap_or_default();
-        let chunks = bytes.as_chunks::<{ Meshlet::BYTES }>().0;
-        let all: Vec<Meshlet> = chunks.iter().map(Meshlet::from_bytes).collect();
+        let mut all = desc.meshlets_of(bytes);
         if all.is_empty() {
             return Ok(None);
         }
         let indices = desc.index_count_of_all();
         let of_all = u32::try_from(indices).map_err(|error| error.to_string())?;
-        if let Some(fault) = meshlet::fault(&all, desc.index_count, of_all) {
-            return Err(fault);
-        }
         // Else a small blob could ask for any amount of work.
         let named: u64 = all.iter().map(|of| u64::from(of.index_count)).sum();
         if named > indices {
             return Err(format!("its meshlets have {named} indices, where {indices} can be"));
         }
-        Ok(Some(Self::new(all, desc.index_count)))
+        let is_beyond =
+            |of: &Meshlet| u64::from(of.first_index) + u64::from(of.index_count) > indices;
+        if let Some(at) = all.iter().position(is_beyond).filter(|_| desc.finest_level == 0) {
+            return Err(format!("meshlet {at}: its indices are not whole triangles of the blob"));
+        }
+        let in_blob = meshlet::put_in_draw_order(&mut all);
+        let mut held = HeldDetail::default();
+        if desc.finest_level > 0 {
+            // What nothing finer replaces is drawn whatever its error is.
+            for (at, meshlet) in all.iter_mut().enumerate().filter(|(_, of)| desc.is_finest(of)) {
+                let error = std::mem::take(&mut meshlet.error);
+                if !(0.0..=meshlet.coarser_error).contains(&error) || error.is_infinite() {
+                    return Err(format!("meshlet {at}: its errors are not in order"));
+                }
+                held.add(error, meshlet);
+            }
+        }
+        if let Some(fault) = meshlet::fault(&all, desc.index_count, of_all) {
+            return Err(fault);
+        }
+        let is_moved =
+            (0..).zip(&in_blob).any(|(at, of): (usize, _)| u64::from(all[at].first_index) != *of);
+        let in_blob = if is_moved { in_blob } else { Vec::new() };
+        Ok(Some(Self { in_blob, held, ..Self::new(all, desc.index_count) }))
+    }
+
+    /// Puts the bytes of indices, as a blob has them, into the order in which they are drawn.
+    pub fn in_draw_order<'a>(&self, indices: &'a [u8], width: usize) -> Cow<'a, [u8]> {
+        if self.in_blob.is_empty() {
+            return indices.into();
+        }
+        let mut ordered = Vec::with_capacity(indices.len());
+        for (meshlet, at) in self.all.iter().zip(&self.in_blob) {
+            let first = *at as usize * width;
+            let of = indices.get(first..first + meshlet.index_count as usize * width);
+            ordered.extend_from_slice(of.unwrap_or_default());
+        }
+        ordered.into()
     }
 
     fn new(all: Vec<Meshlet>, fine: u32) -> Self {
@@ -134,6 +214,8 @@ impl Meshlets {
             coarsest_error: coarsest().map(|of| of.error).fold(0.0, f32::max),
             blocks,
             all,
+            in_blob: Vec::new(),
+            held: HeldDetail::default(),
         }
     }
 
@@ -141,7 +223,10 @@ impl Meshlets {
     pub fn one_level(&self, errors: &ItemErrors) -> Option<LevelRun> {
         let [least, most] = errors.allowed_within(&self.around);
         if errors.compared(self.error_min, most).is_none() {
-            return Some(LevelRun { indices: self.finest, error_share: 0.0 });
+            return Some(LevelRun {
+                indices: self.finest,
+                error_share: self.held.largest_share(errors),
+            });
         }
         let indices = self.coarsest?;
         errors.compared(self.error_max, least)?;
@@ -164,8 +249,9 @@ impl Meshlets {
                 continue;
             }
             for at in block.first..block.first + block.count {
-                if let Some(share) = errors.share_if_drawn(&self.all[at as usize]) {
-                    largest = largest.max(share);
+                let meshlet = &self.all[at as usize];
+                if let Some(share) = errors.share_if_drawn(meshlet) {
+                    largest = largest.max(share).max(self.held.share((at, meshlet), errors));
                     chosen.push(at);
                 }
             }

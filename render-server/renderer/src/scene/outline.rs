@@ -3,7 +3,7 @@
 //! Lines are drawn from indices, and not by a GPU that fills no polygons: that is an option which
 //! not every GPU has, and it would draw an edge of two triangles twice.
 
-use polyptych_scene::{Fill, IndexFormat, Primitive, Topology};
+use polyptych_scene::{Fill, Primitive, Topology};
 
 /// A primitive of which edges or vertices are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,15 +28,8 @@ pub(super) fn drawn(topology: Topology, fill: Fill) -> Option<Topology> {
 /// The indices of the edges or vertices of the finest level in a primitive's checked bytes, each
 /// once, in the order of their numbers.
 pub(super) fn indices(desc: &Primitive, bytes: &[u8], fill: Fill) -> Vec<u32> {
-    let first = desc.vertex_bytes();
-    let finest = first as usize..(first + desc.index_bytes()) as usize;
-    let of_primitive = bytes.get(finest).unwrap_or_default();
-    let all: Vec<u32> = if desc.index_format == IndexFormat::U32 {
-        of_primitive.as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word)).collect()
-    } else {
-        let words = of_primitive.as_chunks::<2>().0.iter();
-        words.map(|word| u16::from_le_bytes(*word).into()).collect()
-    };
+    let of_primitive = desc.finest_indices_of(bytes);
+    let all: Vec<u32> = desc.index_format.numbers(&of_primitive).collect();
     if fill != Fill::Wireframe {
         let mut all = all;
         all.sort_unstable();
@@ -57,14 +50,14 @@ pub(super) fn indices(desc: &Primitive, bytes: &[u8], fill: Fill) -> Vec<u32> {
 mod tests {
     use glam::{DVec3, Vec3};
     use polyptych_files::blob::BlobHash;
-    use polyptych_scene::VertexLayout;
+    use polyptych_scene::{IndexFormat, VertexLayout};
 
     use super::*;
 
     fn quad(index_format: IndexFormat) -> (Primitive, Vec<u8>) {
         // Two triangles with one edge in common, and one that is a point.
         let finest = [3u32, 1, 0, 0, 1, 2, 2, 2, 2];
-        // Of a coarser level, and of no outline.
+        // Behind the finest level, and of no outline.
         let indices = finest.into_iter().chain([1, 3, 2]);
         let primitive = Primitive {
             blob: BlobHash([0; 32]),
@@ -72,7 +65,9 @@ mod tests {
             vertex_count: 4,
             index_count: finest.len() as u32,
             coarser_index_count: 3,
-            meshlet_count: 1,
+            meshlet_count: 0,
+            cuts: Vec::new(),
+            finest_level: 0,
             index_format,
             topology: Topology::Triangles,
             material: None,

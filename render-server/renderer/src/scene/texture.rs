@@ -5,9 +5,6 @@ use polyptych_scene::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 
 use crate::gpu::Gpu;
 
-/// Longest side in pixels of a texture of which no level is left out: others take the memory.
-const SMALL_SIDE: u32 = 64;
-
 /// Makes a texture with all its levels, but for the largest `levels_left_out` where smaller ones
 /// remain. `bytes` has been checked against the description.
 pub(crate) fn upload(
@@ -16,9 +13,7 @@ pub(crate) fn upload(
     bytes: &[u8],
     levels_left_out: u32,
 ) -> wgpu::TextureView {
-    let is_small = |level: &u32| desc.level_size(*level).into_iter().max() <= Some(SMALL_SIDE);
-    let smallest = (0..desc.mip_count).find(is_small).unwrap_or(desc.mip_count - 1);
-    let first = levels_left_out.min(smallest);
+    let first = desc.first_level(levels_left_out);
     let [width, height] = desc.level_size(first);
     let format = match desc.format {
         TextureFormat::Rgba8Srgb => wgpu::TextureFormat::Rgba8UnormSrgb,

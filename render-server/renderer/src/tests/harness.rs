@@ -27,6 +27,10 @@ pub struct MeshFixture {
     pub indices: Vec<u32>,
     pub coarser_indices: Vec<u32>,
     pub meshlets: Vec<Meshlet>,
+    /// The level that is drawn as the finest one.
+    pub finest_level: u32,
+    /// `true` if the blob has the coarsest meshlets first.
+    pub is_coarse_first: bool,
 }
 
 impl MeshFixture {
@@ -119,6 +123,7 @@ impl MeshFixture {
             sphere,
             coarser_error: f32::INFINITY,
             coarser_sphere: sphere,
+            level: 0,
         }
     }
 
@@ -131,6 +136,8 @@ impl MeshFixture {
             index_count: self.indices.len() as u32,
             coarser_index_count: self.coarser_indices.len() as u32,
             meshlet_count: self.meshlets.len() as u32,
+            cuts: Vec::new(),
+            finest_level: self.finest_level,
             index_format: IndexFormat::U32,
             topology: Topology::Triangles,
             material,
@@ -142,10 +149,44 @@ impl MeshFixture {
 
     pub fn bytes(&self) -> Vec<u8> {
         let mut bytes = bytemuck::cast_slice(&self.vertices).to_vec();
-        bytes.extend_from_slice(bytemuck::cast_slice(&self.indices));
-        bytes.extend_from_slice(bytemuck::cast_slice(&self.coarser_indices));
-        bytes.extend(self.meshlets.iter().flat_map(Meshlet::to_bytes));
+        let indices = [&self.indices[..], &self.coarser_indices].concat();
+        let mut meshlets = self.meshlets.clone();
+        if self.is_coarse_first {
+            meshlets.sort_by_key(|meshlet| std::cmp::Reverse(meshlet.level));
+            for Meshlet { first_index, index_count, .. } in &meshlets {
+                let run = *first_index as usize..(first_index + index_count) as usize;
+                bytes.extend_from_slice(bytemuck::cast_slice(&indices[run]));
+            }
+        } else {
+            bytes.extend_from_slice(bytemuck::cast_slice(&indices));
+        }
+        bytes.extend(meshlets.iter().flat_map(Meshlet::to_bytes));
         bytes
+    }
+
+    /// All triangles of a level.
+    pub fn level(&self, level: u32) -> Vec<u32> {
+        let indices = [&self.indices[..], &self.coarser_indices].concat();
+        let of_level = self.meshlets.iter().filter(|meshlet| meshlet.level == level);
+        let run =
+            |of: &Meshlet| of.first_index as usize..(of.first_index + of.index_count) as usize;
+        of_level.flat_map(|of| indices[run(of)].to_vec()).collect()
+    }
+
+    /// The same without the levels that are finer than one.
+    pub fn limited_to(&self, level: u32) -> Self {
+        let coarsest = self.meshlets.iter().map(|meshlet| meshlet.level).max().unwrap_or(0);
+        let finer: u32 = (0..level).map(|finer| self.level(finer).len() as u32).sum();
+        let held = self.meshlets.iter().filter(|meshlet| meshlet.level >= level);
+        let meshlets = held.map(|of| Meshlet { first_index: of.first_index - finer, ..*of });
+        Self {
+            vertices: self.vertices.clone(),
+            indices: self.level(level),
+            coarser_indices: (level + 1..=coarsest).flat_map(|of| self.level(of)).collect(),
+            meshlets: meshlets.collect(),
+            finest_level: level,
+            is_coarse_first: true,
+        }
     }
 }
 

@@ -38,6 +38,7 @@ impl Hierarchy {
             sphere: sphere(point),
             coarser_error: f32::INFINITY,
             coarser_sphere: sphere(point),
+            level: 0,
         };
         let mut meshlets: Vec<Meshlet> = (0..).zip(points).map(finest).collect();
         let mut chains: Vec<Vec<usize>> = (0..points.len()).map(|at| vec![at]).collect();
@@ -91,6 +92,7 @@ fn parse(meshlets: &[Meshlet], fine: u32, coarser: u32) -> Result<Option<Meshlet
         indices: vec![0; fine as usize],
         coarser_indices: vec![0; coarser as usize],
         meshlets: meshlets.to_vec(),
+        ..MeshFixture::default()
     };
     let desc: Primitive = shape.primitive(None);
     Meshlets::parse(&desc, &shape.bytes())
@@ -268,6 +270,7 @@ fn random_meshlet() -> impl Strategy<Value = Meshlet> {
             sphere,
             coarser_error,
             coarser_sphere,
+            level: 0,
         },
     )
 }

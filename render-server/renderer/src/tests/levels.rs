@@ -96,6 +96,66 @@ fn without_an_allowed_error_pictures_are_those_without_levels() {
 }
 
 #[test]
+fn blobs_with_the_coarsest_level_first_are_drawn_the_same() {
+    let before = terrain(true);
+    let coarse_first = MeshFixture { is_coarse_first: true, ..before.clone() };
+    assert_ne!(before.bytes(), coarse_first.bytes());
+    for material in [matt(0.8, 0.5, 0.2), glass()] {
+        let [a, b] = [&before, &coarse_first].map(|of| scene(of, material.clone(), &places()));
+        for (view, count) in eyes().zip([0.0, 0.5, 1.0, 2.0, 4.0, 8.0]) {
+            let view = [allowing(pixels(count), &view)];
+            let [(a, stats), (b, same)] = [&a, &b].map(|of| draw_sampled(of, SIZE, 1, &view));
+            assert_eq!((differences(&a, &b), stats.triangles), ([0; 3], same.triangles));
+            assert_eq!((stats.draw_calls, stats.error_share), (same.draw_calls, same.error_share));
+        }
+    }
+}
+
+#[test]
+fn without_finer_levels_the_finest_one_that_is_held_is_drawn() {
+    let whole = terrain(true);
+    for (material, level) in [(matt(0.8, 0.5, 0.2), 1), (glass(), 2), (matt(0.8, 0.5, 0.2), 4)] {
+        let limited = scene(&whole.limited_to(level), material.clone(), &places());
+        let alone = MeshFixture { indices: whole.level(level), ..terrain(false) };
+        let alone = scene(&alone, material, &places());
+        for view in eyes() {
+            let pixel = pixels(1.0).angle_rad;
+            let view = allowing(AllowedError { pixel, ..AllowedError::NONE }, &view);
+            let (a, stats) = draw_sampled(&limited, SIZE, 1, std::slice::from_ref(&view));
+            let (b, _) = draw_sampled(&alone, SIZE, 1, std::slice::from_ref(&view));
+            assert_eq!(differences(&a, &b), [0; 3], "level {level}");
+            assert!(stats.error_share > 0.0, "{stats:?}");
+            // Tiles meet, and their errors are no more than that of all.
+            let half = |x| ViewDesc { scissor: Some([x, 0, 96, 128]), ..view.clone() };
+            let (tiles, of_tiles) = draw_sampled(&limited, SIZE, 1, &[half(0), half(96)]);
+            assert_eq!(differences(&a, &tiles), [0; 3], "level {level}");
+            assert!(of_tiles.error_share <= stats.error_share);
+        }
+    }
+}
+
+#[test]
+fn errors_of_missing_levels_are_told_in_pixels_or_as_multiples_of_the_bound() {
+    let whole = terrain(true);
+    let limited = scene(&whole.limited_to(3), matt(0.8, 0.5, 0.2), &places());
+    let view = eyes().nth(1).unwrap();
+    let share = |allowed: AllowedError| {
+        draw_sampled(&limited, SIZE, 1, &[allowing(allowed, &view)]).1.error_share
+    };
+    let pixel = pixels(1.0).angle_rad;
+    let in_pixels = share(AllowedError { pixel, ..AllowedError::NONE });
+    assert!(in_pixels > 1.0, "{in_pixels}");
+    let of_half = share(AllowedError { pixel, ..pixels(0.5) });
+    assert!((of_half / in_pixels - 2.0).abs() < 0.2, "{of_half} {in_pixels}");
+    // A bound that allows all that is missing draws it as if nothing were.
+    let loose = pixels(f64::from(in_pixels) * 4.0);
+    let all = scene(&whole, matt(0.8, 0.5, 0.2), &places());
+    let [a, b] = [&limited, &all].map(|of| draw(of, SIZE, &allowing(loose, &view)));
+    assert_eq!(differences(&a, &b), [0; 3]);
+    assert_eq!(share(AllowedError::NONE), 0.0, "nobody knows a pixel");
+}
+
+#[test]
 fn tiles_of_coarser_pictures_meet() {
     for (material, samples) in [(matt(0.8, 0.5, 0.2), 1), (glass(), 1), (matt(0.3, 0.5, 0.8), 4)] {
         let scene = scene(&terrain(true), material, &places());

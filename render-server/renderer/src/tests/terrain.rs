@@ -20,6 +20,8 @@ const ROUNDING: f32 = 1e-6;
 pub struct Terrain {
     /// Cells along its side.
     side: i32,
+    /// Levels of detail so far.
+    levels: u32,
     /// In rows.
     heights: Vec<f64>,
     shape: MeshFixture,
@@ -42,7 +44,8 @@ impl Terrain {
         let side = CELLS << doublings;
         let places = (0..=side).flat_map(|z| (0..=side).map(move |x| IVec2::new(x, z)));
         let place = |at: IVec2| at.as_dvec2() / f64::from(side);
-        let mut terrain = Self { side, heights: Vec::new(), shape: MeshFixture::default() };
+        let mut terrain =
+            Self { side, levels: 0, heights: Vec::new(), shape: MeshFixture::default() };
         for at in places {
             // As the vertex has it.
             let point = |at: DVec2| DVec3::new(at.x, height(at), at.y).as_vec3();
@@ -120,7 +123,7 @@ impl Terrain {
             let begin = (self.shape.indices.len() + self.shape.coarser_indices.len()) as u32;
             let mut meshlet = self.shape.meshlet(begin, &indices);
             (meshlet.error, meshlet.sphere) = (square.error, square.sphere);
-            meshlet.coarser_sphere = square.sphere;
+            (meshlet.coarser_sphere, meshlet.level) = (square.sphere, self.levels);
             self.shape.meshlets.push(meshlet);
             if square.error == 0.0 {
                 self.shape.indices.extend(indices);
@@ -128,6 +131,7 @@ impl Terrain {
                 self.shape.coarser_indices.extend(indices);
             }
         }
+        self.levels += 1;
         (first..self.shape.meshlets.len()).collect()
     }
 

@@ -63,6 +63,8 @@ pub(super) struct Cluster {
     pub coarser_error: f32,
     /// The sphere of `coarser_error`.
     pub coarser_sphere: ErrorSphere,
+    /// The level of what replaces the group; [`u32::MAX`] if nothing does.
+    pub replaced_at: u32,
     tries: u8,
 }
 
@@ -123,8 +125,18 @@ impl Builder<'_, '_> {
         let cluster = |indices: Vec<u32>| {
             let sphere = sphere.unwrap_or_else(|| around_points(indices.iter().map(position)));
             let coarser_error = f32::INFINITY;
-            let (group, tries, coarser_sphere) = (0, 0, sphere);
-            Cluster { indices, level, error, sphere, group, coarser_error, coarser_sphere, tries }
+            let (group, tries, replaced_at) = (0, 0, u32::MAX);
+            Cluster {
+                indices,
+                level,
+                error,
+                sphere,
+                group,
+                coarser_error,
+                coarser_sphere: sphere,
+                replaced_at,
+                tries,
+            }
         };
         parts.map(cluster).collect()
     }
@@ -198,6 +210,7 @@ impl Builder<'_, '_> {
             group: self.groups,
             coarser_error: by.error,
             coarser_sphere: by.sphere,
+            replaced_at: level as u32,
             ..cluster
         }));
         self.groups += 1;

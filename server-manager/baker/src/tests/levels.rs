@@ -1,7 +1,7 @@
 //! Levels of detail in blobs: of meshes with several primitives, and of the assets that may lie
 //! beside.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
@@ -46,8 +46,17 @@ impl BlobLevels {
             }
         };
         let records = records.as_chunks::<{ Meshlet::BYTES }>().0.iter();
-        let meshlets: Vec<Meshlet> = records.map(Meshlet::from_bytes).collect();
+        let mut meshlets: Vec<Meshlet> = records.map(Meshlet::from_bytes).collect();
         assert_eq!(meshlets.len(), primitive.meshlet_count as usize);
+        check_order(primitive, &meshlets, &indices);
+        let given: BTreeSet<u32> = meshlets.iter().map(|meshlet| meshlet.first_index).collect();
+        let places = meshlet::put_in_draw_order(&mut meshlets);
+        assert!(meshlets.iter().map(|meshlet| meshlet.first_index).eq(given));
+        let in_blob = |(of, at): (&Meshlet, &u64)| {
+            indices[*at as usize..*at as usize + of.index_count as usize].to_vec()
+        };
+        let drawn = || meshlets.iter().zip(&places).flat_map(in_blob);
+        let indices = if meshlets.is_empty() { indices } else { drawn().collect() };
         assert_eq!(meshlet::fault(&meshlets, primitive.index_count, count as u32), None);
         let rows = vertices.chunks_exact(primitive.layout.stride() as usize);
         Self { positions: rows.map(position).collect(), indices, meshlets }
@@ -67,6 +76,27 @@ impl BlobLevels {
         runs.map(|corners| corners.map(|vertex| self.positions[vertex as usize])).collect()
     }
 
+    /// The triangles of a cut.
+    fn cut_at(&self, primitive: &Primitive, level: u32) -> Vec<[DVec3; 3]> {
+        let cut = primitive.cut_at(level);
+        // Those that nothing replaces up to the level, by the rule that cuts are made by.
+        let replaced = |of: &Meshlet| {
+            let by = self.meshlets.iter().filter(|other| {
+                other.level > of.level
+                    && (other.error, other.sphere) == (of.coarser_error, of.coarser_sphere)
+            });
+            by.map(|other| other.level).min().is_some_and(|by| by <= level)
+        };
+        let drawn = self.meshlets.iter().filter(|of| of.level <= level && !replaced(of));
+        let ranges =
+            drawn.map(|of| of.first_index as usize..(of.first_index + of.index_count) as usize);
+        let runs = ranges.flat_map(|range| self.indices[range].as_chunks::<3>().0);
+        let triangles: Vec<[DVec3; 3]> =
+            runs.map(|corners| corners.map(|vertex| self.positions[vertex as usize])).collect();
+        assert_eq!(triangles.len() as u32 * 3, cut.index_count);
+        triangles
+    }
+
     /// Finite errors at which something is replaced, in ascending order.
     fn errors(&self) -> Vec<f32> {
         let errors = self.meshlets.iter().map(|meshlet| meshlet.coarser_error);
@@ -74,6 +104,24 @@ impl BlobLevels {
         errors.sort_by(f32::total_cmp);
         errors.dedup();
         errors
+    }
+}
+
+/// Checks the cuts of a primitive against its blob: each names the vertices that it has, and is one
+/// whole surface.
+fn check_order(primitive: &Primitive, meshlets: &[Meshlet], indices: &[u32]) {
+    for cut in &primitive.cuts {
+        let held = &meshlets[..cut.meshlet_count as usize];
+        let surface = || held.iter().filter(|of| of.level <= cut.level);
+        assert_eq!(cut.index_count, surface().map(|of| of.index_count).sum::<u32>());
+        assert_eq!(
+            cut.index_count_of_all() as u32,
+            held.iter().map(|of| of.index_count).sum::<u32>()
+        );
+        let error = surface().map(|of| of.error).fold(0.0, f32::max);
+        assert!(cut.error >= error, "{cut:?}");
+        let named = indices[..cut.index_count_of_all() as usize].iter().max();
+        assert_eq!(named.map(|last| last + 1), Some(cut.vertex_count));
     }
 }
 
@@ -104,6 +152,35 @@ fn halves() -> Builder {
     builder.mesh(&primitives[0]);
     builder.json["meshes"][0]["primitives"] = json!(primitives);
     builder
+}
+
+#[test]
+fn cuts_are_whole_surfaces_that_meet_between_primitives() {
+    let (place, _, scene) = bake_builder(&halves());
+    let primitives = &scene.meshes[0].primitives;
+    let cuts = &primitives[0].cuts;
+    assert!(cuts.len() > 1 && cuts.last().expect("one").error > 0.0, "{cuts:?}");
+    for cut in cuts {
+        let mut edges: BTreeMap<[[u64; 3]; 2], u32> = BTreeMap::new();
+        for primitive in primitives {
+            assert!(primitive.limited_to(&primitive.cut_at(cut.level)).bytes() < primitive.bytes());
+            for [a, b, c] in BlobLevels::read(&place, primitive).cut_at(primitive, cut.level) {
+                for (from, to) in [(a, b), (b, c), (c, a)] {
+                    let mut edge = [from, to].map(|at| at.to_array().map(f64::to_bits));
+                    edge.sort_unstable();
+                    *edges.entry(edge).or_default() += 1;
+                }
+            }
+        }
+        // A corner of the sheet may be cut off.
+        let is_outside = |at: &[u64; 3]| {
+            let [x, y, _] = at.map(f64::from_bits);
+            [x, y].into_iter().any(|along| along == 0.0 || along == 40.0)
+        };
+        let is_border = |edge: &[[u64; 3]; 2]| edge.iter().all(is_outside);
+        let open = edges.iter().filter(|(edge, count)| **count == 1 && !is_border(edge)).count();
+        assert_eq!(open, 0, "edges without a neighbour at level {}", cut.level);
+    }
 }
 
 #[test]

@@ -1,0 +1,198 @@
+//! What fits a budget: against its definition for random scenes, and by hand.
+
+use glam::{DAffine3, DVec3, Vec3};
+use polyptych_files::blob::BlobHash;
+use proptest::prelude::*;
+
+use super::*;
+use crate::{
+    IndexFormat, LevelCut, Node, Primitive, Sampler, TextureFormat, Topology, VertexLayout,
+};
+
+/// A primitive of so many triangles, with a cut for each of these shares of them, the largest one
+/// first.
+fn primitive(name: u8, triangles: u32, cuts: &[(u32, f32)]) -> Primitive {
+    let mut primitive = Primitive {
+        blob: BlobHash([name; 32]),
+        layout: VertexLayout::default(),
+        vertex_count: triangles,
+        index_count: triangles * 3,
+        coarser_index_count: triangles * 3,
+        meshlet_count: triangles,
+        index_format: IndexFormat::U32,
+        topology: Topology::Triangles,
+        material: None,
+        origin: DVec3::ZERO,
+        min: Vec3::ZERO,
+        max: Vec3::ONE,
+        cuts: Vec::new(),
+        finest_level: 0,
+    };
+    for (level, (share, error)) in (1..).zip(cuts) {
+        let count = (triangles / share).max(1);
+        primitive.cuts.insert(
+            0,
+            LevelCut {
+                level,
+                vertex_count: count,
+                index_count: count * 3,
+                coarser_index_count: 0,
+                meshlet_count: count,
+                error: *error,
+            },
+        );
+    }
+    primitive
+}
+
+fn mesh(primitives: Vec<Primitive>) -> Mesh {
+    Mesh { name: String::new(), primitives }
+}
+
+fn texture(name: u8, side: u32) -> Texture {
+    Texture {
+        blob: BlobHash([name; 32]),
+        format: TextureFormat::Rgba8Srgb,
+        width: side,
+        height: side / 2,
+        mip_count: side.ilog2() + 1,
+        sampler: Sampler::default(),
+    }
+}
+
+/// Bytes on the GPU of a limited scene, by definition.
+fn content_bytes(scene: &Scene) -> u64 {
+    let primitives = scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let primitives: HashMap<_, u64> =
+        primitives.map(|of| (slot(of), of.geometry_bytes())).collect();
+    let textures: HashMap<_, u64> =
+        scene.textures.iter().map(|of| ((of.blob, of.width), of.bytes())).collect();
+    primitives.values().sum::<u64>() + textures.values().sum::<u64>()
+}
+
+fn random_mesh() -> impl Strategy<Value = Mesh> {
+    let cuts = prop::collection::vec((2u32..4, 0.0..2.0f32), 0..5);
+    let one = (0u8..6, 4u32..4000, cuts);
+    prop::collection::vec(one, 1..3).prop_map(|parts| {
+        let levels = parts[0].2.len();
+        let part = |(name, triangles, cuts): &(u8, u32, Vec<(u32, f32)>)| {
+            let (mut share, mut error) = (1, 0.0);
+            let add = |at: usize| {
+                let (by, more) = cuts.get(at).copied().unwrap_or((2, 0.5));
+                (share, error) = (share * by, error + more);
+                (share, error)
+            };
+            let cuts: Vec<(u32, f32)> = (0..levels).map(add).collect();
+            // Equal names have equal content.
+            primitive(*name, *triangles + u32::from(*name), &cuts)
+        };
+        mesh(parts.iter().map(part).collect())
+    })
+}
+
+proptest! {
+    #[test]
+    fn what_is_held_fits_and_grows_with_the_budget(
+        mut meshes in prop::collection::vec(random_mesh(), 1..8),
+        sides in prop::collection::vec(0u32..11, 0..4),
+        scales in prop::collection::vec(0.01..100.0f64, 8),
+        budgets in prop::collection::vec(0u64..1 << 20, 6),
+    ) {
+        for (at, mesh) in meshes.iter_mut().enumerate() {
+            for (part, of) in mesh.primitives.iter_mut().enumerate() {
+                // Every other mesh shares nothing.
+                if at % 2 == 0 {
+                    of.blob = BlobHash([(16 + at * 4 + part) as u8; 32]);
+                }
+            }
+        }
+        let textures: Vec<Texture> =
+            (0..).zip(&sides).map(|(at, side)| texture(200 + at, 2 << side)).collect();
+        let mut whole = Scene { textures: textures.clone(), ..Scene::default() };
+        whole.meshes.clone_from(&meshes);
+        let choose = |budget| Residency::choose(&meshes, &textures, &scales, budget);
+        let Err(BudgetTooSmall { least }) = choose(0) else { panic!("nothing fits in 0 bytes") };
+        prop_assert!(least > 0 && choose(least - 1).is_err());
+        let mut budgets: Vec<u64> = budgets.into_iter().map(|more| least + more).collect();
+        budgets.extend([least, u64::MAX]);
+        budgets.sort_unstable();
+        let mut before: Option<Residency> = None;
+        for budget in budgets {
+            let held = choose(budget).expect("the least works");
+            prop_assert_eq!(&held, &choose(budget).expect("the same"));
+            let mut scene = whole.clone();
+            held.limit(&mut scene);
+            prop_assert!(held.gpu_bytes <= budget && content_bytes(&scene) <= held.gpu_bytes);
+            prop_assert_eq!(scene.meshes.iter().find_map(Mesh::cuts_fault), None);
+            if let Some(before) = before {
+                prop_assert!(held.levels.iter().zip(&before.levels).all(|(now, old)| now <= old));
+                prop_assert!(held.texture_levels_left_out <= before.texture_levels_left_out);
+                prop_assert!(held.error <= before.error);
+            }
+            before = Some(held);
+        }
+        let all = before.expect("the last one");
+        prop_assert!(all.error == 0.0 && all.levels.iter().all(|level| *level == 0));
+        let mut scene = whole.clone();
+        all.limit(&mut scene);
+        prop_assert_eq!(scene, whole);
+    }
+}
+
+#[test]
+fn the_mesh_with_the_largest_error_is_refined_first() {
+    let meshes = [
+        mesh(vec![primitive(1, 1000, &[(4, 0.5), (16, 2.0)])]),
+        mesh(vec![primitive(2, 1000, &[(4, 0.5), (16, 2.0)])]),
+        mesh(vec![primitive(3, 10, &[])]),
+    ];
+    let choose = |scales: [f64; 3], budget| Residency::choose(&meshes, &[], &scales, budget);
+    let least = choose([1.0; 3], 0).unwrap_err().least;
+    let one_step = 188 * (24 + 12);
+    assert_eq!(choose([1.0, 3.0, 1.0], least + one_step).unwrap().levels, [2, 1, 0]);
+    assert_eq!(choose([3.0, 1.0, 1.0], least + one_step).unwrap().levels, [1, 2, 0]);
+    let held = choose([3.0, 1.0, 1.0], least + one_step).unwrap();
+    let mut scene = Scene { meshes: meshes.to_vec(), ..Scene::default() };
+    held.limit(&mut scene);
+    assert_eq!((content_bytes(&scene), held.gpu_bytes), (least + one_step, least + one_step));
+    // At 8 times the size the error is larger after a step than that of the other.
+    let two_steps = choose([8.0, 1.0, 1.0], least + one_step + 39_000);
+    assert_eq!(two_steps.unwrap().levels, [0, 2, 0]);
+    // Meshes with bytes in common are held alike.
+    let shared = [meshes[0].clone(), mesh(vec![meshes[0].primitives[0].clone()])];
+    let held = Residency::choose(&shared, &[], &[1.0, 9.0], 40 * 1000).unwrap();
+    assert_eq!(held.levels[0], held.levels[1]);
+    assert!((held.error - 9.0 * 0.5).abs() < 1e-6 || held.levels[0] != 1);
+}
+
+#[test]
+fn textures_give_up_their_largest_levels_before_they_take_half() {
+    let textures = [texture(1, 1024), texture(2, 256), texture(2, 256), texture(3, 64)];
+    let meshes = [mesh(vec![primitive(1, 60_000, &[(10, 0.5)])])];
+    let whole = texture_bytes(&textures, 0);
+    assert_eq!(whole, [1024, 256, 64].map(|side| texture(0, side).bytes()).iter().sum::<u64>());
+    let held = Residency::choose(&meshes, &textures, &[1.0], 3 << 20).unwrap();
+    assert_eq!((held.texture_levels_left_out, &held.levels[..]), (1, &[1][..]), "{held:?}");
+    let small = textures[3].without_levels(8);
+    assert_eq!(small, textures[3], "small ones stay");
+    let halved = textures[0].without_levels(2);
+    assert_eq!([halved.width, halved.height, halved.mip_count], [256, 128, 9]);
+}
+
+#[test]
+fn scales_are_those_of_the_largest_place() {
+    let node = |scale: f64, parent| Node {
+        local: DAffine3::from_scale(DVec3::splat(scale)),
+        mesh: Some(0),
+        parent,
+        ..Node::default()
+    };
+    let scene = Scene {
+        meshes: vec![mesh(Vec::new()), mesh(Vec::new())],
+        nodes: vec![node(2.0, None), node(0.5, None), node(3.0, Some(0))],
+        ..Scene::default()
+    };
+    let scales = mesh_scales(&scene);
+    assert!((scales[0] - 6.0 * 3.0_f64.sqrt()).abs() < 1e-12, "{scales:?}");
+    assert_eq!(scales[1], 1.0, "nothing draws it");
+}
