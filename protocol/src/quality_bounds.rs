@@ -64,7 +64,8 @@ pub struct DetailBound {
     /// In pixels of the wall; 0 draws the finest level of everything.
     pub error_px: f64,
     /// For each view of the frame, the wall's own first: pixels per radian around its eye, or per
-    /// metre of display space where its rays are parallel. Empty if `error_px` is 0.
+    /// metre of display space where its rays are parallel. Empty if `error_px` is 0 and the wall
+    /// has no budget of GPU memory.
     pub densities: Vec<f64>,
     /// The steps by which the resolution of all channels is lowered, 0 to
     /// [`RESOLUTION_STEPS_MAX`]; see [`resolution_scale`].
@@ -75,9 +76,18 @@ impl DetailBound {
     /// The error that a view may have, in its unit: radians, or metres of display space. 0 for a
     /// view without a density.
     pub fn allowed_in(&self, view: usize) -> f64 {
+        self.length_of(self.error_px, view)
+    }
+
+    /// A pixel of a view, in the unit of [`Self::allowed_in`].
+    pub fn pixel_in(&self, view: usize) -> f64 {
+        self.length_of(1.0, view)
+    }
+
+    fn length_of(&self, pixels: f64, view: usize) -> f64 {
         let density = self.densities.get(view).copied().unwrap_or_default();
-        let allowed = self.error_px / density;
-        if density > 0.0 && allowed.is_finite() && allowed > 0.0 { allowed } else { 0.0 }
+        let length = pixels / density;
+        if density > 0.0 && length.is_finite() && length > 0.0 { length } else { 0.0 }
     }
 }
 
@@ -87,7 +97,7 @@ pub struct DrawnDetail {
     /// The error bound in force, in pixels of the wall.
     pub error_in_force_px: f64,
     /// The largest error of what any channel drew or left out, in pixels of the wall; at most the
-    /// bound in force.
+    /// bound in force, unless the wall's budget of GPU memory holds too little detail for that.
     pub largest_error_px: f64,
     /// The channel that drew longest, of those that the frame waited for.
     #[serde(deserialize_with = "text_of_peer")]

@@ -105,7 +105,8 @@ pub struct FrameRendered {
     /// Calls that drew them.
     pub draw_calls: u32,
     /// The largest error of what was drawn or left out, as a fraction of the bound in force: 0 to
-    /// 1.
+    /// 1, or more where the wall's budget of GPU memory holds too little detail. In pixels if the
+    /// bound in force is 0.
     pub error_fraction: f32,
     /// Primitives in their places that were left out because others hide them.
     pub draws_occluded: u32,

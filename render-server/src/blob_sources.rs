@@ -6,6 +6,7 @@
 //! them as long as its preparation is wanted.
 
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
@@ -56,9 +57,14 @@ pub(crate) struct BlobSources {
     stores: Arc<[WatchedStore]>,
     /// The thread on which stores are asked, if there are any.
     runtime: Option<Runtime>,
-    /// The last warning about stores that the manager was told.
+    /// What the operator should know of the budget of memory.
+    memory_warning: Option<String>,
+    /// The last warning that the manager was told.
     told: Option<String>,
 }
+
+/// Ranges of a blob in bytes; `None` for all of it as one.
+pub(crate) type BlobParts = Option<Vec<Range<u64>>>;
 
 /// A fetch from stores that is under way; dropping it ends it.
 struct Fetch {
@@ -82,6 +88,7 @@ impl BlobSources {
             folders: Vec::new(),
             stores: Arc::new([]),
             runtime: None,
+            memory_warning: None,
             told: None,
         }
     }
@@ -135,34 +142,44 @@ impl BlobSources {
         self.stores = stores.into();
     }
 
-    /// Returns what the manager is to be told of stores, if that is another sentence than before
-    /// or it may have gone over a connection that has ended.
+    /// Sets what the operator should know of the budget of memory.
+    pub fn set_memory_warning(&mut self, warning: Option<String>) {
+        self.memory_warning = warning;
+    }
+
+    /// Returns what the manager is to be told of stores and memory, if that is another sentence
+    /// than before or it may have gone over a connection that has ended.
     pub fn news(&mut self) -> Option<ServerMessage> {
-        let warnings: Vec<String> = self.stores.iter().filter_map(WatchedStore::warning).collect();
+        let stores = self.stores.iter().filter_map(WatchedStore::warning);
+        let warnings: Vec<String> = stores.chain(self.memory_warning.clone()).collect();
         let warning = (!warnings.is_empty()).then(|| warnings.join("; "));
         let before = std::mem::replace(&mut self.told, warning.clone());
         (warning.is_some() || before.is_some()).then_some(ServerMessage::Storage { warning })
     }
 
-    /// Gives each of these blobs in order, while the following ones are fetched from stores.
+    /// Gives parts of each of these blobs in order, while the following ones are fetched from
+    /// stores, into at most half of so many bytes if that is more than one.
     ///
     /// # Errors
     /// A blob is nowhere, the preparation is not wanted any more, or `deliver` says so.
     pub fn each<T>(
         &self,
-        wanted: impl IntoIterator<Item = (BlobHash, T)>,
-        order: &BlobOrder<'_>,
-        mut deliver: impl FnMut(T, Bytes) -> Result<(), String>,
+        wanted: impl IntoIterator<Item = (BlobHash, BlobParts, T)>,
+        (order, host_bytes): (&BlobOrder<'_>, Option<u64>),
+        mut deliver: impl FnMut(T, Vec<Bytes>) -> Result<(), String>,
     ) -> Result<(), String> {
         let mut wanted = wanted.into_iter();
         let mut ahead = VecDeque::new();
+        let fetches = host_bytes.map_or(FETCHES_MAX, |bytes| {
+            FETCHES_MAX.min((bytes / 2 / FETCH_AHEAD_BYTES_MAX).max(1) as usize)
+        });
         loop {
-            while ahead.len() < FETCHES_MAX
-                && let Some((hash, of)) = wanted.next()
+            while ahead.len() < fetches
+                && let Some((hash, parts, of)) = wanted.next()
             {
-                ahead.push_back((hash, of, self.fetch(hash, FETCH_AHEAD_BYTES_MAX)));
+                ahead.push_back((hash, parts, of, self.fetch(hash, FETCH_AHEAD_BYTES_MAX)));
             }
-            let Some((hash, of, fetch)) = ahead.pop_front() else { return Ok(()) };
+            let Some((hash, parts, of, fetch)) = ahead.pop_front() else { return Ok(()) };
             // Blobs of this machine wait for nothing, so they are looked at here.
             (order.check)()?;
             let fetched = fetch.map(|fetch| wait(&fetch.fetched, order)).transpose()?.flatten();
@@ -170,12 +187,19 @@ impl BlobSources {
             let bytes = match fetched {
                 Fetched::Blob(bytes) => self.keep(bytes),
                 Fetched::TooLarge => self.blob(hash, order)?,
-                Fetched::Nowhere => match self.stored(hash) {
-                    Some(bytes) => bytes,
-                    None => self.ask_manager(hash, order)?,
-                },
+                Fetched::Nowhere => {
+                    if let Some(stored) = parts.as_ref().and_then(|of| self.stored_parts(hash, of))
+                    {
+                        deliver(of, stored)?;
+                        continue;
+                    }
+                    match self.stored(hash) {
+                        Some(bytes) => bytes,
+                        None => self.ask_manager(hash, order)?,
+                    }
+                }
             };
-            deliver(of, bytes)?;
+            deliver(of, cut(bytes, parts)?)?;
         }
     }
 
@@ -209,6 +233,29 @@ impl BlobSources {
             }
         }
         None
+    }
+
+    /// Parts of a blob from the cache or a folder. All of it is read and checked, and no more than
+    /// the parts and one piece is held.
+    fn stored_parts(&self, hash: BlobHash, parts: &[Range<u64>]) -> Option<Vec<Bytes>> {
+        let read = |folder: &BlobStore| {
+            let mut reader = folder.open(hash).ok()??;
+            let length =
+                |of: &Range<u64>| (of.end.min(reader.total()) - of.start.min(of.end)) as usize;
+            let mut read: Vec<Vec<u8>> =
+                parts.iter().map(|of| Vec::with_capacity(length(of))).collect();
+            while let Some((first, piece)) = reader.next_piece().ok()? {
+                for (to, of) in read.iter_mut().zip(parts) {
+                    let end = first + piece.len() as u64;
+                    let [from, to_end] = [of.start, of.end].map(|at| at.clamp(first, end) - first);
+                    to.extend_from_slice(piece.get(from as usize..to_end as usize)?);
+                }
+            }
+            let is_whole =
+                read.iter().zip(parts).all(|(to, of)| to.len() as u64 == of.end - of.start);
+            is_whole.then(|| read.into_iter().map(Bytes::from).collect())
+        };
+        std::iter::once(&self.cache).chain(&self.folders).find_map(read)
     }
 
     /// Begins to fetch a blob from stores, unless no store works or a file of its name is here.
@@ -267,6 +314,19 @@ impl Drop for BlobSources {
             runtime.shutdown_background();
         }
     }
+}
+
+/// The parts of a whole blob.
+///
+/// # Errors
+/// It ends before one of them.
+fn cut(bytes: Bytes, parts: BlobParts) -> Result<Vec<Bytes>, String> {
+    let Some(parts) = parts else { return Ok(vec![bytes]) };
+    let length = bytes.len() as u64;
+    if let Some(part) = parts.iter().find(|of| of.start > of.end || of.end > length) {
+        return Err(format!("a blob has {length} bytes, where {} are described", part.end));
+    }
+    Ok(parts.iter().map(|of| bytes.slice(of.start as usize..of.end as usize)).collect())
 }
 
 /// Waits for an answer as long as the preparation is wanted; `None` if none comes any more.

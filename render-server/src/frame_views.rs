@@ -34,17 +34,20 @@ impl ViewTransform {
     pub fn view(&self, (number, view): (usize, &View), frame: &Frame) -> ViewDesc {
         let camera = &view.camera;
         let allowed = frame.detail.allowed_in(number);
+        let pixel = frame.detail.pixel_in(number);
         let allowed_error = match view.projection {
             ViewProjection::Orthographic { .. } => {
-                AllowedError { length: allowed * camera.scale, ..AllowedError::NONE }
+                let [length, pixel] = [allowed, pixel].map(|of| of * camera.scale);
+                AllowedError { length, pixel, ..AllowedError::NONE }
             }
             ViewProjection::Perspective { .. } => {
-                AllowedError { angle_rad: allowed, ..AllowedError::NONE }
+                AllowedError { angle_rad: allowed, pixel, ..AllowedError::NONE }
             }
             // The head's and not this channel's eye's, which may be the middle one, or, near a
             // dome's pole, nearer to it than others.
             ViewProjection::Wall => AllowedError {
                 angle_rad: allowed,
+                pixel,
                 eye_offset: f64::from(u8::from(self.is_stereo_wall))
                     * frame.presentation.head.eye_separation_m
                     * 0.5

@@ -3,6 +3,8 @@
 //! It runs on a thread of its own, so that neither sockets nor frames wait for disks and stores.
 //! `blob_sources` finds the blobs.
 
+mod held_part;
+mod host_memory;
 mod moves;
 
 use std::collections::BTreeMap;
@@ -24,7 +26,7 @@ use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
 use polyptych_wall::warp::CalibrationMap;
-use polyptych_wall::{ChannelCalibration, Wall};
+use polyptych_wall::{ChannelCalibration, MemoryBudget, Wall};
 use tokio::sync::mpsc;
 
 use crate::blob_sources::{BlobOrder, BlobSources};
@@ -32,6 +34,8 @@ use crate::bulk::BulkJob;
 use crate::correction::{self, CorrectionPlans};
 use crate::frame_views;
 use crate::render_event::RenderEvent;
+use held_part::HeldPart;
+use host_memory::HostMemory;
 
 /// Orders that wait for the loader; the manager sends one change at a time.
 pub(crate) const ORDERS_MAX: usize = 16;
@@ -68,6 +72,8 @@ pub(crate) struct SceneVersion {
 #[derive(Clone, Debug)]
 struct ReadyScene {
     version: SceneVersion,
+    /// The budgets that it was loaded within.
+    budget: MemoryBudget,
     /// As its file has it.
     base: Arc<Scene>,
     /// Manifests of what was added to it.
@@ -134,6 +140,7 @@ pub(crate) struct Loader {
     ready: Option<(Epoch, Replica)>,
     ready_plans: Option<(Wall, Arc<CorrectionPlans>)>,
     ready_scene: Option<ReadyScene>,
+    host_memory: HostMemory,
     /// The decoded files of the last wall: it changes in small things while it is adjusted.
     ready_maps: BTreeMap<BlobHash, Arc<CalibrationMap>>,
     /// What these make of a wall, which is kept as it was before it was adjusted.
@@ -158,6 +165,7 @@ impl Loader {
             ready: None,
             ready_plans: None,
             ready_scene: None,
+            host_memory: HostMemory::default(),
             ready_maps: BTreeMap::new(),
             ready_shapes: None,
         }
@@ -221,6 +229,9 @@ impl Loader {
             None => None,
             Some(scene) => Some(self.load_scene(scene, &replica, line)?),
         };
+        if scene.is_none() {
+            self.sources.set_memory_warning(None);
+        }
         let digest = replica.digest();
         let revision = replica.revision;
         let shapes = self.shapes(replica.wall.as_deref(), &maps);
@@ -320,13 +331,16 @@ impl Loader {
     }
 
     fn load_scene(
-        &self,
+        &mut self,
         scene: &SceneRef,
         replica: &Replica,
         line: &LoaderLink,
     ) -> Result<ReadyScene, String> {
         let version = SceneVersion { manifest: scene.manifest, edits: replica.edits.fingerprint() };
-        let before = self.ready_scene.as_ref().filter(|of| of.version.manifest == scene.manifest);
+        let budget = replica.wall.as_ref().map(|wall| wall.budget).unwrap_or_default();
+        let ready = self.ready_scene.clone();
+        let is_it = |of: &&ReadyScene| of.version.manifest == scene.manifest && of.budget == budget;
+        let before = ready.as_ref().filter(is_it);
         if let Some(ready) = before.filter(|ready| ready.version == version) {
             return Ok(ready.clone());
         }
@@ -347,34 +361,60 @@ impl Loader {
             self.upload(Upload::Relayout { layout, moved })?;
             return Ok(ReadyScene { version, ..ready.clone() });
         }
-        let (edited, ids) = replica.edits.apply_to(&base, &added);
+        let (mut edited, ids) = replica.edits.apply_to(&base, &added);
         let traits = replica.edits.traits(&edited.nodes, ids);
         if let Some(fault) = edited.fault() {
             return Err(format!("scene {} as it was edited: {fault}", scene.name));
         }
+        let part = HeldPart::limit(&mut edited, (&base, &added), replica, budget)?;
+        self.sources.set_memory_warning(part.as_ref().and_then(|part| part.warning.clone()));
         let features = SceneFeatures::from_scene(&edited);
         let warm_up = frame_views::warm_up_camera(&edited);
         let placed = PlacedNodes::new(&edited.nodes, traits.ids.clone(), replica.edits.clone());
         let placed = Arc::new(placed);
         let (layout, held) = (self.layout(edited, &traits, line)?, before.map(|of| &*of.layout));
-        if before.is_some_and(|before| before.added.keys().eq(added.keys()))
-            && held.is_some_and(|held| layout.shares_content_with(held))
-        {
-            self.upload(Upload::Relayout { layout: Arc::clone(&layout), moved: None })?;
-            return Ok(ReadyScene { version, base, added, layout, placed, features, warm_up });
+        let is_known = before.is_some_and(|before| before.added.keys().eq(added.keys()))
+            && held.is_some_and(|held| layout.shares_content_with(held));
+        let ready = ReadyScene { version, budget, base, added, layout, placed, features, warm_up };
+        if is_known {
+            self.upload(Upload::Relayout { layout: Arc::clone(&ready.layout), moved: None })?;
+        } else {
+            self.upload_content(&ready, held, part.as_ref(), line)?;
         }
+        Ok(ready)
+    }
+
+    /// Gives the render thread what of a scene it has not yet.
+    fn upload_content(
+        &self,
+        ready: &ReadyScene,
+        held: Option<&SceneLayout>,
+        part: Option<&HeldPart>,
+        line: &LoaderLink,
+    ) -> Result<(), String> {
+        let layout = &ready.layout;
         let missing = layout.content_beyond(held);
-        self.upload(Upload::Begin { layout: Arc::clone(&layout), shares: held.is_some() })?;
+        self.upload(Upload::Begin { layout: Arc::clone(layout), shares: held.is_some() })?;
         let order = BlobOrder { bulk: &line.bulk, check: &|| self.check(line) };
-        self.sources.each(missing, &order, |place, bytes| {
+        let host_bytes = ready.budget.host_bytes();
+        let wanted = missing.into_iter().map(|(hash, place)| {
+            let parts = part.and_then(|part| part.parts(layout.content(), &place));
+            (hash, parts, place)
+        });
+        self.sources.each(wanted, (&order, host_bytes), |place, parts| {
+            let bytes = held_part::joined(layout.content(), &place, parts);
+            let bytes = match host_bytes {
+                // Half is for what is fetched ahead.
+                Some(limit) => self.host_memory.count(bytes, limit / 2, order.check)?,
+                None => bytes,
+            };
             self.upload(match place {
                 ContentPlace::Texture { index } => Upload::Texture { index, bytes },
                 ContentPlace::Primitive { mesh, primitive } => {
                     Upload::Primitive { mesh, primitive, bytes }
                 }
             })
-        })?;
-        Ok(ReadyScene { version, base, added, layout, placed, features, warm_up })
+        })
     }
 
     fn manifest(&self, hash: BlobHash, name: &str, line: &LoaderLink) -> Result<Scene, String> {

@@ -25,6 +25,7 @@
 //! - `prove`: a wall that is right keeps its targets, one that is not does not
 //! - `views`: both eyes, and other cameras on parts of the wall
 //! - `unlit`: unlit colours are shown as their files say, on every kind of channel
+//! - `budgets`: servers with less memory than the scene needs show it coarser, and say how much
 //! - `twins`: the same commands give the same bytes, whoever draws
 //! - `check`: what a wall file comes to, in numbers that are all there
 //! - `refusals`: bad input gives a clear error, and the wall stays as it was
@@ -51,6 +52,7 @@ mod back_pressure;
 mod beginnings;
 mod bench_report;
 mod bounds;
+mod budgets;
 mod check;
 mod client_library;
 mod command_text;

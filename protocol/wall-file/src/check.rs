@@ -6,15 +6,17 @@ use glam::DVec3;
 use polyptych_files::blob::{StoreUrl, StoreUrlError};
 use polyptych_wall::head::{EYE_SEPARATION_MAX_M, HEAD_REACH_MAX_M};
 use polyptych_wall::limits::{
-    CHANNELS_MAX, GPU_MIB, HOST_MIB, LEAK_MAX, NAME_BYTES_MAX, PATH_BYTES_MAX, PIPELINE_DEPTH_MAX, PORT_DEFAULT,
-    SCREENS_MAX, SWAP_LEAD_MS_MAX,
+    CHANNELS_MAX, GPU_MIB, HOST_MIB, LEAK_MAX, NAME_BYTES_MAX, PATH_BYTES_MAX, PIPELINE_DEPTH_MAX,
+    PORT_DEFAULT, SCREENS_MAX, SWAP_LEAD_MS_MAX,
 };
 use polyptych_wall::viewpoint::STEREO_ERROR_RANGE_PX;
-use polyptych_wall::{BlendConfig, DeadlinePolicy, MemoryBudget, Screen, StereoRule, SyncPolicy, Wall};
+use polyptych_wall::{
+    BlendConfig, DeadlinePolicy, MemoryBudget, Screen, StereoRule, SyncPolicy, Wall,
+};
 
 use super::document::{
-    BlendSection, BudgetSection, DeadlineSection, Document, NetworkSection, ScreenSection, StorageSection,
-    SyncSection, WallSection,
+    BlendSection, BudgetSection, DeadlineSection, Document, NetworkSection, ScreenSection,
+    StorageSection, SyncSection, WallSection,
 };
 use super::error::WallFileError;
 use super::files::Files;

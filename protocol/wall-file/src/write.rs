@@ -9,9 +9,9 @@ use polyptych_wall::surface::{Cylinder, Sphere};
 use polyptych_wall::{Bezel, Channel, ChannelKind, FrustumMode, Screen, Surface, Wall};
 
 use super::document::{
-    AdjustSection, BlendSection, BudgetSection, ChannelSection, CylinderSection, DeadlineSection, Document,
-    HiddenSection, NetworkSection, ProjectionChoice, ProjectorSection, Rotation, ScreenSection,
-    SphereSection, StorageSection, SyncSection, TilesSection, WallSection,
+    AdjustSection, BlendSection, BudgetSection, ChannelSection, CylinderSection, DeadlineSection,
+    Document, HiddenSection, NetworkSection, ProjectionChoice, ProjectorSection, Rotation,
+    ScreenSection, SphereSection, StorageSection, SyncSection, TilesSection, WallSection,
 };
 use super::rotation::{degrees, written};
 use crate::coverage::{eyes, is_plain_tile, is_seen_by};
@@ -48,10 +48,7 @@ pub fn to_toml(wall: &Wall) -> String {
         },
         network: NetworkSection { listen: wall.listen.clone(), heartbeat_ms: wall.heartbeat_ms },
         storage: StorageSection { stores: wall.stores.clone(), scenes: wall.scenes.clone() },
-        budget: BudgetSection {
-            gpu_mib: wall.budget.gpu_mib,
-            host_mib: wall.budget.host_mib,
-        },
+        budget: BudgetSection { gpu_mib: wall.budget.gpu_mib, host_mib: wall.budget.host_mib },
         blend: BlendSection { exponent: wall.blend.exponent, leak: wall.blend.leak },
         screen: (0u16..).zip(&wall.screens).map(|(at, screen)| section(wall, at, screen)).collect(),
         channel: wall.channels.iter().filter_map(|c| adjusted(wall, c)).collect(),

@@ -43,12 +43,13 @@ fn a_fetch_from_a_silent_store_ends_when_it_is_not_wanted_any_more() {
     assert_eq!(got, Err("not wanted".to_owned()));
     looks.set(0);
     let mut given = Vec::new();
-    let each = fixture.sources.each([(here, 1), (missing, 2)], &order, |of, bytes| {
-        given.push((of, bytes));
-        Ok(())
-    });
+    let each =
+        fixture.sources.each([(here, None, 1), (missing, None, 2)], (&order, None), |of, bytes| {
+            given.push((of, bytes));
+            Ok(())
+        });
     assert_eq!(each, Err("not wanted".to_owned()));
-    assert_eq!(given, [(1, Bytes::from_static(b"harbour"))], "folders are not behind stores");
+    assert_eq!(given, [(1, vec![Bytes::from_static(b"harbour")])], "folders are not behind stores");
     assert!(began.elapsed() < SOON, "{:?}", began.elapsed());
 }
 
@@ -61,7 +62,7 @@ fn blobs_that_are_here_are_not_given_to_who_wants_no_more() {
     let given = Cell::new(0);
     let check = || if given.get() < 2 { Ok(()) } else { Err("not wanted".to_owned()) };
     let order = BlobOrder { bulk: &bulk, check: &check };
-    let each = fixture.sources.each([(here, ()); 9], &order, |(), _| {
+    let each = fixture.sources.each(vec![(here, None, ()); 9], (&order, None), |(), _| {
         given.set(given.get() + 1);
         Ok(())
     });
@@ -88,4 +89,26 @@ fn urls_that_name_no_store_are_told_and_do_no_harm() {
         "all is well"
     );
     assert_eq!(fixture.sources.news(), None);
+}
+
+#[test]
+fn parts_of_a_blob_are_those_of_the_whole_and_are_checked() {
+    let (mut fixture, _silent, here) = fixture();
+    let folder = fixture.sources.folders[0].root().to_str().expect("text").to_owned();
+    fixture.sources.set_stores(&[folder]);
+    let (bulk, _jobs) = mpsc::channel(1);
+    let order = BlobOrder { bulk: &bulk, check: &|| Ok(()) };
+    let mut given = Vec::new();
+    let wanted = [(here, Some(vec![0..2, 4..4, 3..7]), ())];
+    let each = fixture.sources.each(wanted, (&order, Some(64 << 20)), |(), parts| {
+        given = parts;
+        Ok(())
+    });
+    assert_eq!((each, given), (Ok(()), vec!["ha".into(), Bytes::new(), "bour".into()]));
+    assert_eq!(fixture.sources.stored_parts(here, &[0..2, 0..8]), None, "beyond its end");
+    let cut = cut(Bytes::from_static(b"harbour"), Some(vec![0..1, 2..9]));
+    assert_eq!(cut.unwrap_err(), "a blob has 7 bytes, where 9 are described");
+    let path = fixture.sources.folders[0].path_of(here);
+    std::fs::write(&path, b"harbouR").expect("written");
+    assert_eq!(fixture.sources.stored_parts(here, &[0..2, 3..4]), None, "damaged behind the part");
 }

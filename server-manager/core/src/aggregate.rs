@@ -48,6 +48,8 @@ impl Cluster {
 
     /// Sends the feedback of a frame to those who want it.
     pub(super) fn publish(&mut self, feedback: &FrameFeedback) {
+        let detail = &feedback.detail;
+        self.drawn_error_px = [detail.error_in_force_px, detail.largest_error_px];
         let subscribed = self.clients.iter().filter(|(_, client)| client.is_subscribed);
         for (&to, _) in subscribed {
             let answer = MessageToClient::Feedback(feedback.clone());
@@ -100,7 +102,7 @@ impl Cluster {
     fn warnings(&self) -> Vec<String> {
         let displays = self.registry.channels();
         let displays = displays.filter_map(|(_, channel)| channel.display_warning.clone());
-        let slow = self.rate_warning();
+        let slow = self.rate_warning().into_iter().chain(self.budget_warning());
         let all = self.mixed_adapters().into_iter().chain(displays);
         all.chain(self.storage_warnings()).chain(slow).collect()
     }

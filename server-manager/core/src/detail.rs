@@ -9,6 +9,13 @@ use polyptych_wall::view::View;
 use super::Cluster;
 use super::barrier::Barrier;
 
+/// Maximum error that a server may report as a multiple of the bound in force, or in pixels if that
+/// is 0: more than the pixels of the longest canvas.
+const FRACTION_MAX: f32 = 65_536.0;
+
+/// An error beyond the bound in force is told from here on, in pixels: less is not seen.
+const TOLD_ERROR_PX: f64 = 0.05;
+
 /// The pixel densities of views, which depend on the wall, the head and the views.
 #[derive(Debug)]
 pub(super) struct Densities {
@@ -36,7 +43,7 @@ impl Cluster {
     pub(super) fn detail_bound(&mut self) -> DetailBound {
         let resolution_steps = self.rate_bound.resolution_steps(&self.presentation.bounds);
         let error_px = self.rate_bound.in_force_px(&self.presentation.bounds);
-        if error_px == 0.0 {
+        if error_px == 0.0 && self.wall.budget.gpu_mib.is_none() {
             return DetailBound::default();
         }
         let head = self.presentation.head;
@@ -58,13 +65,18 @@ impl Cluster {
 
     /// The detail that a frame was drawn with.
     pub(super) fn drawn_detail(&self, barrier: &Barrier) -> DrawnDetail {
-        // A server may say what it wants; NaN becomes 0.
-        let fractions = barrier.drawn.values().map(|drawn| drawn.error_fraction.clamp(0.0, 1.0));
+        // A server may say what it wants; NaN becomes 0. What a budget leaves out may be worse
+        // than the bound, and is in pixels if the bound is 0.
+        let is_limited = self.wall.budget.gpu_mib.is_some();
+        let most = if is_limited { FRACTION_MAX } else { 1.0 };
+        let fractions = barrier.drawn.values().map(|drawn| drawn.error_fraction.clamp(0.0, most));
         let largest = f64::from(fractions.fold(0.0, f32::max));
+        let is_in_pixels = is_limited && barrier.error_px == 0.0;
+        let unit_px = if is_in_pixels { 1.0 } else { barrier.error_px };
         let limiting = barrier.limiting_channel().and_then(|id| self.wall.channel(id));
         DrawnDetail {
             error_in_force_px: barrier.error_px,
-            largest_error_px: barrier.error_px * largest,
+            largest_error_px: unit_px * largest,
             limiting_channel: limiting.map(|channel| channel.name.clone()),
             resolution_scale: resolution_scale(barrier.reduction.resolution_steps()),
         }
@@ -73,6 +85,18 @@ impl Cluster {
     /// The resolution of the next frame: pixels along each side, as a share of the wall's.
     pub(super) fn resolution_scale(&self) -> f64 {
         resolution_scale(self.rate_bound.resolution_steps(&self.presentation.bounds))
+    }
+
+    /// The warning that the budget of GPU memory holds less detail than was asked for, if so.
+    pub(super) fn budget_warning(&self) -> Option<String> {
+        let mib = self.wall.budget.gpu_mib?;
+        let [in_force, drawn] = self.drawn_error_px;
+        (drawn > in_force + TOLD_ERROR_PX).then(|| {
+            format!(
+                "the budget of {mib} MiB (budget.gpu_mib) holds detail of {drawn:.1} pixels only, \
+                 where {in_force:.1} is the bound in force; raise the budget"
+            )
+        })
     }
 
     /// The warning that the rate bound costs resolution, or is not kept at all, if so.

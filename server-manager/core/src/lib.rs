@@ -257,6 +257,9 @@ pub struct Cluster {
     /// Pixel densities of the last views and head that frames were bounded for.
     #[serde(skip)]
     densities: Option<detail::Densities>,
+    /// The error bound in force and the largest error of the last frame, in pixels.
+    #[serde(skip)]
+    drawn_error_px: [f64; 2],
     /// Measurements decide nothing, and take more room than all else.
     #[serde(skip)]
     gathered: StatisticsCollector,
@@ -307,6 +310,7 @@ impl Cluster {
             deadline: deadline::Deadline::new(wall.deadline),
             rate_bound: rate_bound::RateBound::default(),
             densities: None,
+            drawn_error_px: [0.0; 2],
             gathered: StatisticsCollector::new(wall.channels.len()),
             present_calls: SkewTracker::new(wall.channels.len()),
             remembered: None,

@@ -152,3 +152,31 @@ fn what_a_server_makes_up_about_its_error_stays_within_the_bound() {
         assert_eq!(feedback.detail.largest_error_px, counted, "of {said}");
     }
 }
+
+#[test]
+fn detail_that_the_budget_does_not_hold_is_told_in_pixels() {
+    let mut stage = ClusterFixture::new(1);
+    stage.cluster.wall.budget.gpu_mib = Some(7);
+    let frame = |stage: &mut ClusterFixture, error_px, said| {
+        stage.bound(QualityBounds { error_px, rate_fps: None });
+        stage.order_frame();
+        let drawn = FrameRendered { error_fraction: said, ..stage.drawn(0) };
+        stage.say(SessionId(0), ServerMessage::Drawn(drawn));
+        let Some((_, Ok(Response::Frame(feedback)))) = stage.replies.pop() else { panic!("none") };
+        (feedback.detail.largest_error_px, stage.cluster.status(stage.now).warnings)
+    };
+    // Without a bound in pixels, with one as a multiple of it.
+    for (error_px, said, counted) in
+        [(0.0, 3.0, 3.0), (2.0, 1.5, 3.0), (0.0, f32::INFINITY, 65_536.0)]
+    {
+        let (largest, warnings) = frame(&mut stage, error_px, said);
+        assert_eq!(largest, counted);
+        let told =
+            format!("the budget of 7 MiB (budget.gpu_mib) holds detail of {counted:.1} pixels");
+        assert!(warnings.iter().any(|warning| warning.starts_with(&told)), "{warnings:?}");
+    }
+    for (error_px, said) in [(0.0, 0.0), (2.0, 1.0), (0.0, f32::NAN)] {
+        let (largest, warnings) = frame(&mut stage, error_px, said);
+        assert!(largest == error_px && warnings.is_empty(), "{warnings:?}");
+    }
+}

@@ -1,0 +1,103 @@
+//! The part of a scene that is loaded within the wall's budgets of memory.
+
+use std::ops::Range;
+
+use bytes::Bytes;
+use polyptych_protocol::state_log::Replica;
+use polyptych_renderer::ContentPlace;
+use polyptych_scene::residency::{BudgetTooSmall, Residency, mesh_scales};
+use polyptych_scene::{AssetManifests, Mesh, Primitive, Scene, Texture};
+use polyptych_wall::MemoryBudget;
+
+/// Meshes and textures of which only a part is loaded.
+#[derive(Debug)]
+pub(super) struct HeldPart {
+    /// As their blobs have them.
+    meshes: Vec<Mesh>,
+    textures: Vec<Texture>,
+    /// What the operator should know of it.
+    pub warning: Option<String>,
+}
+
+impl HeldPart {
+    /// Limits a scene as it was edited to the budget of GPU memory; `None` if all of it is loaded.
+    ///
+    /// The choice depends on the manifests and the budget alone, so that all servers make the same.
+    ///
+    /// # Errors
+    /// Even the coarsest of the scene is more than the budget: the key, and the least that works.
+    pub fn limit(
+        edited: &mut Scene,
+        (base, added): (&Scene, &AssetManifests),
+        replica: &Replica,
+        budget: MemoryBudget,
+    ) -> Result<Option<Self>, String> {
+        let (Some(bytes), Some(mib)) = (budget.gpu_bytes(), budget.gpu_mib) else {
+            return Ok(None);
+        };
+        let mut scales = mesh_scales(base);
+        scales.resize(edited.meshes.len(), 1.0);
+        for set in replica.edits.assets() {
+            let own = added.get(&set.manifest).map(|scene| mesh_scales(scene)).unwrap_or_default();
+            for (scale, own) in scales.iter_mut().skip(set.first_mesh as usize).zip(own) {
+                *scale = own;
+            }
+        }
+        let held = Residency::choose(&edited.meshes, &edited.textures, &scales, bytes);
+        let held = held.map_err(|BudgetTooSmall { least }| {
+            let least = least.div_ceil(1 << 20);
+            format!(
+                "the scene's coarsest meshes and smallest textures are more than the budget: \
+                 budget.gpu_mib is {mib}; write at least {least}"
+            )
+        })?;
+        if held.levels.iter().all(|level| *level == 0) && held.texture_levels_left_out == 0 {
+            return Ok(None);
+        }
+        let part = Self {
+            meshes: edited.meshes.clone(),
+            textures: edited.textures.clone(),
+            warning: warning(&held, mib),
+        };
+        held.limit(edited);
+        let (bytes, error) = (held.gpu_bytes, held.error);
+        tracing::info!(bytes, error, mib, "a part of the scene is held within the budget");
+        Ok(Some(part))
+    }
+
+    /// The parts of the blob of a place in a limited scene, in bytes.
+    pub fn parts(&self, limited: &Scene, place: &ContentPlace) -> Option<Vec<Range<u64>>> {
+        match *place {
+            ContentPlace::Texture { index } => {
+                let (whole, held) = (self.textures.get(index)?, limited.textures.get(index)?);
+                Some(std::iter::once(whole.bytes() - held.bytes()..whole.bytes()).collect())
+            }
+            ContentPlace::Primitive { mesh, primitive } => {
+                let whole = self.meshes.get(mesh)?.primitives.get(primitive)?;
+                let held = limited.meshes.get(mesh)?.primitives.get(primitive)?;
+                Some(whole.parts_of(held).to_vec())
+            }
+        }
+    }
+}
+
+/// The blob of a place in a limited scene, from its parts.
+pub(super) fn joined(limited: &Scene, place: &ContentPlace, parts: Vec<Bytes>) -> Bytes {
+    if let ContentPlace::Primitive { mesh, primitive } = *place
+        && let [vertices, indices, meshlets] = &parts[..]
+        && let Some(of) = limited.meshes.get(mesh).and_then(|mesh| mesh.primitives.get(primitive))
+    {
+        return Primitive::joined(of, [vertices, indices, meshlets]).into();
+    }
+    parts.into_iter().next().unwrap_or_default()
+}
+
+fn warning(held: &Residency, mib: u32) -> Option<String> {
+    let side = 1_u32 << held.texture_levels_left_out;
+    (side > 1).then(|| {
+        format!(
+            "the budget of {mib} MiB (budget.gpu_mib) is too small for the textures: they are \
+             shown with 1/{side} of their width and height"
+        )
+    })
+}
