@@ -166,8 +166,8 @@ impl Correction {
         }
     }
 
-    /// Submits what the eyes see of the source: one eye, or the left and the right one. `taps` are the samples across and down that one display pixel takes, 1 to 4
-    /// each.
+    /// Submits what the eyes see of the source: one eye, or the left and the right one. `taps` are
+    /// the samples across and down that one display pixel takes, 1 to 4 each.
     ///
     /// # Errors
     /// The source holds no light, or not these planes; the picture is none of [`Self::picture`];
