@@ -72,7 +72,10 @@ impl Reduction {
 
     /// At least this much more of it, and enough for a change of what is drawn.
     pub fn raised(self, factor: f64, least: f64) -> Self {
-        let higher = self.0.max(least) * factor;
+        // At the lowest resolution only an error beyond that of all resolutions changes a frame.
+        let is_lowest = self.resolution_steps() == RESOLUTION_STEPS_MAX;
+        let from = if is_lowest { of_steps(RESOLUTION_STEPS_MAX) } else { least };
+        let higher = self.0.max(from) * factor;
         let steps = Self(higher).resolution_steps();
         let is_between = self.0 >= RESOLUTION_FROM_PX && steps < RESOLUTION_STEPS_MAX;
         let steps = if is_between { steps.max(self.resolution_steps() + 1) } else { steps };
