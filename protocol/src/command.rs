@@ -10,6 +10,7 @@ use crate::state_log::Operation;
 
 /// One message from the manager to a render server.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(clippy::large_enum_variant, reason = "one at a time, and most of them are frames")]
 pub enum Command {
     /// Get ready to show a newer state.
     Prepare(Prepare),
