@@ -64,12 +64,11 @@ fn enlarge(
     onto: &mut Option<OutputTexture>,
 ) -> Result<Submission, String> {
     let fits = |it: &OutputTexture| it.size() == size && it.content() == target.content();
-    let picture = match onto.take().filter(fits) {
-        Some(known) => known,
-        None => {
-            let made = renderer.picture(gpu, size, target.content());
-            made.map_err(|error| error.to_string())?
-        }
+    let picture = if let Some(known) = onto.take().filter(fits) {
+        known
+    } else {
+        let made = renderer.picture(gpu, size, target.content());
+        made.map_err(|error| error.to_string())?
     };
     let submitted = renderer.enlarge(gpu, target, place, &picture);
     *onto = Some(picture);
