@@ -492,4 +492,4 @@ impl Corrector {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

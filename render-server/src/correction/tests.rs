@@ -16,7 +16,7 @@ use polyptych_wall::{Channel, Screen, Surface};
 mod around;
 #[expect(dead_code, reason = "the renderer's own tests use the rest")]
 #[path = "../../renderer/src/tests/harness.rs"]
-mod harness;
+pub(crate) mod harness;
 mod lays;
 
 use harness::{MeshFixture, SceneFixture, gpu, matt};

@@ -7,13 +7,8 @@ use polyptych_scene::{AlphaMode, Light, LightKind, Material};
 use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::{FrustumMode, StereoPacking};
 
-#[expect(dead_code, reason = "the renderer's own tests use the rest")]
-#[path = "../../../renderer/src/tests/harness.rs"]
-mod harness;
-
-use harness::{MeshFixture, SceneFixture, gpu, matt};
-
 use super::*;
+use crate::correction::tests::harness::{MeshFixture, SceneFixture, gpu, matt};
 
 /// Pixels of the screen; of odd sides, so that no resolution divides them.
 const CANVAS: UVec2 = UVec2::new(322, 181);
