@@ -15,15 +15,34 @@ use super::uri;
 pub(super) const JSON_BYTES_MAX: usize = 256 << 20;
 
 /// The extensions that a file may require.
-pub(super) const EXTENSIONS: [&str; 8] = [
+pub(super) const EXTENSIONS: [&str; 13] = [
     "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    "EXT_texture_webp",
+    "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_unlit",
     "KHR_materials_variants",
     "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
     "KHR_node_visibility",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
+];
+
+/// Extensions without which a file's shapes stay as they are: one that requires them is drawn, with
+/// a note. Those of materials are known by how their names begin.
+const OF_APPEARANCE: [&str; 9] = [
+    "EXT_lights_ies",
+    "EXT_lights_image_based",
+    "EXT_texture_avif",
+    "KHR_animation_pointer",
+    "KHR_audio_emitter",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+    "MSFT_packing_occlusionRoughnessMetallic",
+    "MSFT_texture_dds",
 ];
 
 const MAGIC: &[u8] = b"glTF";
@@ -128,7 +147,12 @@ fn check_head(head: &AssetHeader) -> Result<(), BakeError> {
     if min != "2.0" {
         return Err(BakeError::at("asset.minVersion", format!("it needs glTF {min}"), right));
     }
-    let known = |name: &&String| EXTENSIONS.contains(&name.as_str());
+    let known = |name: &&String| {
+        EXTENSIONS.contains(&name.as_str())
+            || OF_APPEARANCE.contains(&name.as_str())
+            || name.starts_with("KHR_materials_")
+            || name.starts_with("EXT_materials_")
+    };
     if let Some(name) = head.extensions_required.iter().find(|name| !known(name)) {
         let what = format!("{} is required but not supported", uri::shorten(name));
         let right = format!("supported are {}", EXTENSIONS.join(", "));

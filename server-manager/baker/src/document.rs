@@ -65,6 +65,11 @@ impl Document {
         let primitives = self.meshes.iter().flat_map(|mesh| &mesh.primitives);
         primitives.filter(|primitive| primitive.attributes.contains_key("COLOR_1")).count()
     }
+
+    /// A part of a mesh, both of which must be there.
+    pub(super) fn primitive_mut(&mut self, mesh: usize, part: usize) -> &mut Primitive {
+        &mut self.meshes.0[mesh].primitives[part]
+    }
 }
 
 /// Extensions of the whole file.
@@ -196,7 +201,19 @@ pub(super) struct Primitive {
 #[serde(default)]
 pub(super) struct PrimitiveExtensions {
     #[serde(rename = "KHR_draco_mesh_compression")]
-    pub draco: Option<IgnoredAny>,
+    pub draco: Option<DracoStream>,
+}
+
+/// `KHR_draco_mesh_compression`: a view, and the stream's attributes by their names.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct DracoStream {
+    pub buffer_view: u32,
+    #[serde(default)]
+    pub attributes: BTreeMap<String, u32>,
+    /// The reason why it could not be unpacked.
+    #[serde(skip)]
+    pub fault: Option<String>,
 }
 
 fn triangles() -> u32 {
@@ -220,7 +237,7 @@ pub(super) struct Accessor {
 }
 
 /// Values that replace others.
-#[derive(Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 pub(super) struct Sparse {
     pub count: u64,
     pub indices: SparseIndices,
@@ -228,7 +245,7 @@ pub(super) struct Sparse {
 }
 
 /// Where the replaced values stand.
-#[derive(Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct SparseIndices {
     pub buffer_view: u32,
@@ -238,7 +255,7 @@ pub(super) struct SparseIndices {
 }
 
 /// What they are replaced by.
-#[derive(Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct SparseValues {
     pub buffer_view: u32,
@@ -255,6 +272,40 @@ pub(super) struct BufferView {
     pub byte_offset: u64,
     pub byte_length: u64,
     pub byte_stride: Option<u64>,
+    #[serde(default)]
+    pub extensions: ViewExtensions,
+}
+
+/// Extensions of a view: one, which has two names.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct ViewExtensions {
+    #[serde(rename = "EXT_meshopt_compression")]
+    ext_meshopt: Option<MeshoptView>,
+    #[serde(rename = "KHR_meshopt_compression")]
+    khr_meshopt: Option<MeshoptView>,
+}
+
+impl ViewExtensions {
+    /// The stream that the view is unpacked from, with the extension's name.
+    pub(super) fn meshopt(&self) -> Option<(&'static str, &MeshoptView)> {
+        let khr = self.khr_meshopt.as_ref().map(|view| ("KHR_meshopt_compression", view));
+        khr.or(self.ext_meshopt.as_ref().map(|view| ("EXT_meshopt_compression", view)))
+    }
+}
+
+/// Where a compressed view stands, and how it is compressed.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct MeshoptView {
+    pub buffer: u32,
+    #[serde(default)]
+    pub byte_offset: u64,
+    pub byte_length: u64,
+    pub byte_stride: u64,
+    pub count: u64,
+    pub mode: String,
+    pub filter: Option<String>,
 }
 
 /// Bytes in a file, a `data:` URI, or the binary chunk of a GLB.
@@ -272,7 +323,16 @@ pub(super) struct Buffer {
 #[serde(default)]
 pub(super) struct BufferExtensions {
     #[serde(rename = "EXT_meshopt_compression")]
-    pub meshopt: Option<IgnoredAny>,
+    ext_meshopt: Option<IgnoredAny>,
+    #[serde(rename = "KHR_meshopt_compression")]
+    khr_meshopt: Option<IgnoredAny>,
+}
+
+impl BufferExtensions {
+    /// Returns whether it stands for bytes that views are unpacked to.
+    pub(super) fn is_for_unpacked(&self) -> bool {
+        self.ext_meshopt.is_some() || self.khr_meshopt.is_some()
+    }
 }
 
 /// A picture in a file, a `data:` URI or a view.
@@ -345,6 +405,18 @@ impl<T: Listed> List<T> {
     pub(super) fn at(&self, index: u32, place: &str) -> Result<&T, BakeError> {
         let found = self.0.get(index as usize);
         found.ok_or_else(|| BakeError::beyond(place, T::LIST, index.into(), self.0.len()))
+    }
+
+    /// Appends an element that was not in the file. Returns its index.
+    pub(super) fn push(&mut self, element: T) -> u32 {
+        self.0.push(element);
+        // Lists of a file that can be read are far shorter.
+        u32::try_from(self.0.len() - 1).unwrap_or(u32::MAX)
+    }
+
+    /// Puts an element in place of one that must be there.
+    pub(super) fn replace(&mut self, index: usize, element: T) {
+        self.0[index] = element;
     }
 }
 

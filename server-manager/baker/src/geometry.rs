@@ -107,8 +107,9 @@ fn lacks_data(job: &mut BakeJob<'_>, json: &document::Primitive, place: &str) ->
         (false, _) => "POSITION",
         _ => "indices",
     };
-    let what = match json.extensions.draco {
-        Some(_) => "it is compressed with Draco (KHR_draco_mesh_compression)".to_owned(),
+    let fault = json.extensions.draco.as_ref().and_then(|draco| draco.fault.as_ref());
+    let what = match fault {
+        Some(fault) => format!("it is compressed with Draco: {fault}"),
         None => format!("the accessor of its {missing} has no data"),
     };
     job.leave_out(place, &what, "uncompressed data in a bufferView would be right");

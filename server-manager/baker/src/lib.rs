@@ -7,13 +7,14 @@
 //! One primitive or one image is in memory at a time, beside the source's buffers.
 //!
 //! ```text
-//! container -> document -> node (pose) -> mesh (geometry, tangent, split, levels) -> texture (mip)
+//! container -> document -> compressed -> node (pose) -> mesh (geometry, tangent, split, levels) -> texture (mip)
 //!      \-> source, uri, accessor: bytes                    \-> material, light -> manifest
 //! ```
 
 mod accessor;
 mod bake_cache;
 mod bounds;
+mod compressed;
 mod container;
 mod document;
 mod error;
@@ -23,6 +24,7 @@ mod extras;
 mod geometry;
 mod image_format;
 mod json;
+mod ktx2;
 mod levels;
 mod light;
 pub mod map;
@@ -178,12 +180,13 @@ fn bake_file(
     cancel: &AtomicBool,
 ) -> Result<Baked, BakeError> {
     progress(Progress { stage: "reading", done: 0, total: 1 });
-    let source = GltfSource::open(path, cancel)?;
+    let mut source = GltfSource::open(path, cancel)?;
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let key = key(&source, &name);
     if let Some(baked) = store.find(key) {
         return Ok(baked);
     }
+    source.unpack(cancel)?;
     let mut job = BakeJob::new(&source, store.blobs(), progress, cancel);
     let scene = job.scene(name)?;
     let baked = job.finish(&scene)?;

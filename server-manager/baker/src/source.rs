@@ -13,10 +13,10 @@ use std::sync::atomic::AtomicBool;
 use polyptych_files::blob::BlobHash;
 use polyptych_text::counted;
 
-use super::document::{BufferView, Document};
+use super::document::{BufferView, Document, ViewExtensions};
 use super::error::BakeError;
 use super::uri::{self, UriTarget};
-use super::{check, container};
+use super::{check, compressed, container};
 
 /// Largest scene, buffer or image file: a GLB's length field ends there.
 pub(super) const FILE_BYTES_MAX: u64 = 4 << 30;
@@ -106,9 +106,9 @@ impl GltfSource {
                     }
                 },
                 None if i == 0 && chunk.is_some() => chunk.take().unwrap_or_default(),
-                None if buffer.extensions.meshopt.is_some() => {
-                    let what = "its data is compressed with EXT_meshopt_compression only";
-                    return Err(BakeError::at(place, what, "uncompressed data would be right"));
+                None if buffer.extensions.is_for_unpacked() => {
+                    self.buffers.push(Vec::new());
+                    continue;
                 }
                 None => {
                     let what = "it has no uri, and the file no binary chunk for it";
@@ -197,27 +197,65 @@ impl GltfSource {
         Ok(())
     }
 
+    /// Unpacks what the files hold in a compressed form.
+    ///
+    /// # Errors
+    /// Those of [`compressed::unpack`].
+    pub(super) fn unpack(&mut self, cancel: &AtomicBool) -> Result<(), BakeError> {
+        compressed::unpack(self, cancel)
+    }
+
+    /// Returns whether a buffer has bytes of its own, or is not there.
+    pub(super) fn has_bytes(&self, buffer: u32) -> bool {
+        self.buffers.get(buffer as usize).is_none_or(|bytes| !bytes.is_empty())
+    }
+
+    /// The bytes of a buffer, given with the first one and the length.
+    pub(super) fn bytes_of(
+        &self,
+        [buffer, first, length]: [u64; 3],
+        place: &str,
+    ) -> Result<&[u8], BakeError> {
+        let found = usize::try_from(buffer).ok().and_then(|buffer| self.buffers.get(buffer));
+        let Some(bytes) = found else {
+            return Err(BakeError::beyond(place, "buffers", buffer, self.buffers.len()));
+        };
+        let end = first.checked_add(length);
+        end.and_then(|end| bytes.get(to_usize(first)?..to_usize(end)?)).ok_or_else(|| {
+            let what = format!("{length} bytes from {first} on reach out of buffers[{buffer}]");
+            let right = format!("the buffer has {}", counted(bytes.len(), "byte"));
+            BakeError::at(place, what, right)
+        })
+    }
+
+    /// Adds a buffer with a view of all of it. Returns the view's index.
+    pub(super) fn add_view(&mut self, bytes: Vec<u8>) -> u32 {
+        let view = self.whole_view(bytes, None);
+        self.document.buffer_views.push(view)
+    }
+
+    /// Makes a view, which must be there, one of these bytes.
+    pub(super) fn replace_view(&mut self, index: usize, bytes: Vec<u8>, stride: Option<u64>) {
+        let view = self.whole_view(bytes, stride);
+        self.document.buffer_views.replace(index, view);
+    }
+
+    fn whole_view(&mut self, bytes: Vec<u8>, byte_stride: Option<u64>) -> BufferView {
+        let buffer = u32::try_from(self.buffers.len()).unwrap_or(u32::MAX);
+        let byte_length = bytes.len() as u64;
+        // What is unpacked may be read as often as what lies in a file.
+        self.bytes = self.bytes.saturating_add(byte_length);
+        self.buffers.push(bytes);
+        let extensions = ViewExtensions::default();
+        BufferView { buffer, byte_offset: 0, byte_length, byte_stride, extensions }
+    }
+
     /// The bytes of `bufferViews[index]`, which `place` names.
     pub(super) fn view(&self, index: u32, place: &str) -> Result<(&BufferView, &[u8]), BakeError> {
         let view = self.document.buffer_views.at(index, place)?;
-        let place = || format!("bufferViews[{index}]");
-        let Some(buffer) = self.buffers.get(view.buffer as usize) else {
-            let buffers = self.buffers.len();
-            return Err(BakeError::beyond(place(), "buffers", view.buffer.into(), buffers));
-        };
-        let end = view.byte_offset.checked_add(view.byte_length);
-        let bytes = end.and_then(|end| buffer.get(to_usize(view.byte_offset)?..to_usize(end)?));
-        let bytes = bytes.ok_or_else(|| {
-            let what = format!(
-                "{} bytes from {} on reach out of buffers[{}]",
-                view.byte_length, view.byte_offset, view.buffer
-            );
-            BakeError::at(
-                place(),
-                what,
-                format!("the buffer has {}", counted(buffer.len(), "byte")),
-            )
-        })?;
+        let place = format!("bufferViews[{index}]");
+        let bytes = [view.buffer.into(), view.byte_offset, view.byte_length];
+        let bytes = self.bytes_of(bytes, &place)?;
         Ok((view, bytes))
     }
 

@@ -2,8 +2,10 @@
 
 mod broken;
 pub(crate) mod builder;
+mod compressed;
 mod exposure;
 mod extras;
+mod image_formats;
 mod levels;
 mod missing;
 mod numbers;

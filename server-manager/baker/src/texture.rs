@@ -13,7 +13,7 @@ use polyptych_scene::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 use super::error::BakeError;
 use super::material::{TextureKind, TextureUse};
 use super::mip::{self, Rgba8Image};
-use super::{BakeJob, image_format, placeholder, uri};
+use super::{BakeJob, image_format, ktx2, placeholder, uri};
 
 /// Longest side of an image that is decoded; it is halved until a driver can hold it.
 const IMAGE_SIDE_MAX: u32 = 16_384;
@@ -36,6 +36,16 @@ const PIXELS_TOGETHER_PER_BYTE_MAX: u64 = 512;
 
 /// The image of a texture that has none (`gltf` crate, feature `allow_empty_texture`).
 const NO_IMAGE: usize = u32::MAX as usize;
+
+/// Formats that the image library reads for us.
+const FORMATS: [ImageFormat; 5] =
+    [ImageFormat::Png, ImageFormat::Jpeg, ImageFormat::WebP, ImageFormat::Gif, ImageFormat::Bmp];
+
+/// Extensions by which a texture names an image of a format that is read.
+const READ_BY_EXTENSION: [&str; 2] = ["EXT_texture_webp", "KHR_texture_basisu"];
+
+/// Formats that are read, for messages.
+const RIGHT: &str = "a PNG, JPEG, WebP or KTX2 of Basis Universal would be right";
 
 /// Everything of a texture but its sampler.
 #[derive(Clone, Copy)]
@@ -71,7 +81,7 @@ pub(super) fn write_all(job: &mut BakeJob<'_>, uses: &[TextureUse]) -> Result<Te
             None => Sampler::default(),
             Some(index) => sampler(job, index.value() as u32, &place)?,
         };
-        let image = Some(json.source.value()).filter(|&image| image != NO_IMAGE);
+        let image = image_of(json);
         if image.is_none() {
             note_no_image(job, used.texture, json);
         }
@@ -163,26 +173,37 @@ fn read(
     }
 }
 
-/// Says of a texture that names no PNG or JPEG what it names instead.
+/// The image of a texture. The one that every program can read comes first, since it lost nothing.
+fn image_of(json: &gltf::json::Texture) -> Option<usize> {
+    let plain = Some(json.source.value()).filter(|&image| image != NO_IMAGE);
+    let others = json.extensions.as_ref().map(|extensions| &extensions.others);
+    let named = |name: &str| usize::try_from(others?.get(name)?.get("source")?.as_u64()?).ok();
+    plain.or_else(|| READ_BY_EXTENSION.into_iter().find_map(named))
+}
+
+/// Says of a texture that names no image that can be read what it names instead.
 fn note_no_image(job: &mut BakeJob<'_>, texture: u32, json: &gltf::json::Texture) {
     let others = json.extensions.iter().flat_map(|extensions| extensions.others.keys());
     let named = others.filter_map(|name| Some((image_format::of_extension(name)?, name)));
     let what = named.map(|(format, name)| format!("{format} ({name})")).next();
     let what = what.unwrap_or_else(|| "missing".to_owned());
     job.warn(&format!(
-        "textures[{texture}]: a placeholder is shown, since its image is {what}; a PNG or JPEG \
-         would be right"
+        "textures[{texture}]: a placeholder is shown, since its image is {what}; {RIGHT}"
     ));
 }
 
 /// Pixels of an encoded image that can be decoded within the limits, or why it cannot.
 fn pixels(encoded: &[u8], named: impl Fn() -> Option<String>) -> Result<u64, String> {
-    const RIGHT: &str = "a PNG or JPEG would be right";
     if encoded.is_empty() {
         return Err(format!("it is empty; {RIGHT}"));
     }
+    if ktx2::is_ktx2(encoded) {
+        let [width, height] = ktx2::size(encoded).ok_or("it is KTX2 that is cut off")?;
+        let pixels = u64::from(width) * u64::from(height);
+        return check_pixels([width, height], pixels.saturating_mul(4), encoded.len());
+    }
     let format = image::guess_format(encoded).ok();
-    if !matches!(format, Some(ImageFormat::Png | ImageFormat::Jpeg)) {
+    if !format.is_some_and(|format| FORMATS.contains(&format)) {
         let known = image_format::of_bytes(encoded).map(|name| format!("it is {name}"));
         let said = || named().map(|name| format!("it is no image, though it is called {name}"));
         let what = known.or_else(said).unwrap_or_else(|| "it is no image".to_owned());
@@ -193,7 +214,12 @@ fn pixels(encoded: &[u8], named: impl Fn() -> Option<String>) -> Result<u64, Str
         Err(error) => return Err(cannot(&error)),
     };
     let (width, height) = decoder.dimensions();
-    let (pixels, bytes) = (u64::from(width) * u64::from(height), decoder.total_bytes());
+    check_pixels([width, height], decoder.total_bytes(), encoded.len())
+}
+
+/// Checks the size of a picture in pixels and in bytes, decoded and encoded. Returns its pixels.
+fn check_pixels([width, height]: [u32; 2], bytes: u64, encoded: usize) -> Result<u64, String> {
+    let pixels = u64::from(width) * u64::from(height);
     if pixels == 0 {
         return Err(format!("it has no pixels; {RIGHT}"));
     }
@@ -208,21 +234,23 @@ fn pixels(encoded: &[u8], named: impl Fn() -> Option<String>) -> Result<u64, Str
             DECODE_BYTES_MAX >> 20,
         ));
     }
-    if pixels > PIXELS_UNASKED && pixels / PIXELS_PER_BYTE_MAX > encoded.len() as u64 {
-        let bytes = encoded.len();
-        return Err(format!("{bytes} bytes can't hold {width} × {height} pixels; {RIGHT}"));
+    if pixels > PIXELS_UNASKED && pixels / PIXELS_PER_BYTE_MAX > encoded as u64 {
+        return Err(format!("{encoded} bytes can't hold {width} × {height} pixels; {RIGHT}"));
     }
     Ok(pixels)
 }
 
 fn decode(encoded: &[u8]) -> Result<Rgba8Image, String> {
+    if ktx2::is_ktx2(encoded) {
+        return ktx2::decode(encoded);
+    }
     let decoded = reader(encoded).decode().map_err(|error| cannot(&error))?;
     let rgba = decoded.into_rgba8();
     Ok(Rgba8Image { width: rgba.width(), height: rgba.height(), rgba: rgba.into_raw() })
 }
 
 fn cannot(error: &image::ImageError) -> String {
-    format!("it can't be decoded: {error}; a PNG or JPEG that is whole would be right")
+    format!("it can't be decoded: {error}; a whole PNG, JPEG or WebP would be right")
 }
 
 fn reader(encoded: &[u8]) -> ImageReader<Cursor<&[u8]>> {

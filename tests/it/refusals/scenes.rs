@@ -80,10 +80,10 @@ fn files_that_are_no_scene_leave_the_wall_as_it_was() {
     let nodes = json!([{ "mesh": 0, "children": [1] }, { "name": "b", "children": [0] }]);
     stage.write("cycle.glb", Gltf::triangle().with(|gltf| gltf.json["nodes"] = nodes).glb());
     stage.refuses("cycle.glb", &["cycle"]);
-    let required = json!(["KHR_draco_mesh_compression"]);
-    let draco = Gltf::triangle().with(|gltf| gltf.json["extensionsRequired"] = required);
-    stage.write("draco.glb", draco.glb());
-    stage.refuses("draco.glb", &["KHR_draco_mesh_compression"]);
+    let required = json!(["ACME_shape"]);
+    let unknown = Gltf::triangle().with(|gltf| gltf.json["extensionsRequired"] = required);
+    stage.write("unknown.glb", unknown.glb());
+    stage.refuses("unknown.glb", &["ACME_shape"]);
     // The same file without a fault is shown.
     stage.write("good.glb", Gltf::triangle().glb());
     stage.local.run(&["open", "good.glb"]).succeeded();

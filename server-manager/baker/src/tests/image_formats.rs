@@ -1,0 +1,132 @@
+//! Pictures of every format that is read, against the same picture as PNG.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use image::{ImageFormat, Rgba, RgbaImage};
+use serde_json::json;
+
+use super::bake_builder;
+use super::builder::png;
+use super::missing::textured;
+
+/// Pixels of the sides: not square, and no multiple of a block.
+const SIZE: [u32; 2] = [12, 8];
+
+fn picture() -> RgbaImage {
+    RgbaImage::from_fn(SIZE[0], SIZE[1], |x, y| Rgba(block_color(x / 4, y / 4)))
+}
+
+fn block_color(column: u32, row: u32) -> [u8; 4] {
+    [40 + 60 * column as u8, 200 - 90 * row as u8, (30 * (column + 3 * row)) as u8, 255]
+}
+
+/// The largest level of the texture of colours.
+fn colors(encoded: &[u8], texture: Option<&str>) -> Vec<u8> {
+    let mut builder = textured(encoded);
+    if let Some(extension) = texture {
+        builder.json["textures"] = json!([{ "extensions": { extension: { "source": 0 } } }]);
+        builder.json["extensionsRequired"] = json!([extension]);
+    }
+    let (place, baked, scene) = bake_builder(&builder);
+    assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+    let texture = &scene.textures[0];
+    let bytes = place.store.blobs().read(texture.blob).expect("read").expect("there");
+    bytes[..texture.width as usize * texture.height as usize * 4].to_vec()
+}
+
+fn encoded(format: ImageFormat) -> Vec<u8> {
+    let mut bytes = Cursor::new(Vec::new());
+    picture().write_to(&mut bytes, format).expect("encoded");
+    bytes.into_inner()
+}
+
+/// A KTX2 file (KTX 2.0) with one level of UASTC blocks of one colour each (mode 8).
+fn ktx2() -> Vec<u8> {
+    let words = |words: &[u32]| -> Vec<u8> { words.iter().flat_map(|w| w.to_le_bytes()).collect() };
+    let blocks: Vec<u8> = (0..SIZE[1] / 4)
+        .flat_map(|row| (0..SIZE[0] / 4).map(move |column| block_color(column, row)))
+        .flat_map(|[r, g, b, a]| {
+            let part = |value: u8, bit: u32| u128::from(value) << bit;
+            let mode = 0x17;
+            (mode | part(r, 5) | part(g, 13) | part(b, 21) | part(a, 29)).to_le_bytes()
+        })
+        .collect();
+    let mut file = b"\xabKTX 20\xbb\r\n\x1a\n".to_vec();
+    // Format, type size, size, depth, layers, faces, levels, supercompression.
+    file.extend(words(&[0, 1, SIZE[0], SIZE[1], 0, 0, 1, 1, 0]));
+    let (descriptor_at, descriptor_bytes) = (80 + 24, 44);
+    file.extend(words(&[descriptor_at, descriptor_bytes, 0, 0]));
+    file.extend([0_u64; 2].iter().flat_map(|word| word.to_le_bytes()));
+    let data_at = u64::from(descriptor_at + descriptor_bytes).next_multiple_of(16);
+    let length = blocks.len() as u64;
+    file.extend([data_at, length, length].iter().flat_map(|word| word.to_le_bytes()));
+    // Colour model UASTC, primaries of BT.709, transfer sRGB; blocks of 4 × 4 of 16 bytes.
+    let model = 0xa6 | 1 << 8 | 2 << 16;
+    let rgba_of_128_bits = 0x7f << 16 | 3 << 24;
+    file.extend(words(&[descriptor_bytes, 0, 2 | 40 << 16, model, 0x0303, 16, 0]));
+    file.extend(words(&[rgba_of_128_bits, 0, 0, u32::MAX]));
+    file.resize(data_at as usize, 0);
+    file.extend(blocks);
+    file
+}
+
+#[test]
+fn pictures_without_loss_are_those_of_the_png() {
+    let expected = colors(&png(SIZE[0], SIZE[1], |x, y| block_color(x / 4, y / 4)), None);
+    assert_eq!(expected, picture().into_raw());
+    for format in [ImageFormat::WebP, ImageFormat::Bmp, ImageFormat::Gif] {
+        assert!(colors(&encoded(format), None) == expected, "{format:?}");
+    }
+    assert!(colors(&encoded(ImageFormat::WebP), Some("EXT_texture_webp")) == expected);
+    assert!(colors(&ktx2(), Some("KHR_texture_basisu")) == expected);
+}
+
+#[test]
+fn ktx2_of_another_kind_is_a_placeholder_that_says_so() {
+    let whole = ktx2();
+    let mut plain = whole.clone();
+    // R8G8B8A8, one byte each.
+    plain[12] = 37;
+    let mut huge = whole.clone();
+    huge[20..24].copy_from_slice(&60_000_u32.to_le_bytes());
+    for (encoded, part) in [
+        (&plain[..], "KTX2, but not Basis Universal"),
+        (&whole[..whole.len() - 20], "KTX2 that can't be decoded"),
+        (&huge[..], "at most 16384 pixels a side"),
+    ] {
+        let (_place, baked, _) = bake_builder(&textured(encoded));
+        let notes = baked.warnings.join("\n");
+        assert!(notes.contains(part) && notes.contains("placeholder"), "{part}: {notes}");
+    }
+}
+
+#[test]
+fn a_plain_image_comes_before_that_of_an_extension() {
+    let grey = png(4, 4, |_, _| [90, 90, 90, 255]);
+    let mut builder = textured(&grey);
+    builder.image(b"broken");
+    builder.json["textures"] =
+        json!([{ "source": 0, "extensions": { "EXT_texture_webp": { "source": 1 } } }]);
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+    assert_eq!(scene.textures[0].width, 4);
+}
+
+/// One picture that other programs have written in several ways.
+#[test]
+#[cfg_attr(not(has_shared_files), ignore = "no assets and walls in ../shared")]
+fn ktx2_and_webp_of_other_programs_are_one_picture() {
+    let folder =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/assets/gltf-transform/ext");
+    let read = |name: &str| colors(&std::fs::read(folder.join(name)).expect("an asset"), None);
+    let expected = read("test-lossless.webp");
+    for (name, most) in [("test.ktx2", 6.0), ("test-lossy.webp", 6.0)] {
+        let other = read(name);
+        assert_eq!(other.len(), expected.len(), "{name}");
+        let off: u64 = expected.iter().zip(&other).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
+        let mean = off as f64 / expected.len() as f64;
+        println!("{name}: {mean:.2} levels");
+        assert!(mean < most, "{name}: {mean} levels in the mean");
+    }
+}
