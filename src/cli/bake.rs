@@ -54,6 +54,9 @@ pub(super) struct Arguments {
     /// s3://BUCKET/PREFIX; credentials and endpoint come from the environment
     #[arg(long, value_name = "URL")]
     upload: Option<String>,
+    /// Fail if anything of a scene is not drawn as its file has it; the notes say what
+    #[arg(long, conflicts_with = "used_as")]
+    strict: bool,
     /// Print what was baked as one line of JSON
     #[arg(long)]
     json: bool,
@@ -105,6 +108,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let baked = bake(&arguments.file, &store, &mut progress, &cancel);
     bar.finish_and_clear();
     let baked = baked?;
+    if arguments.strict && !baked.warnings.is_empty() {
+        say_notes(&baked.warnings)?;
+        let (file, notes) = (arguments.file.display(), counted(baked.warnings.len(), "note"));
+        bail!("{file} would not be drawn as it is: {notes}; without --strict it is drawn");
+    }
     let uploaded = match &url {
         None => None,
         Some(url) => {

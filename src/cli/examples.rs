@@ -186,6 +186,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         "bake",
         &[
             "polyptych bake town.glb -o store",
+            "polyptych bake helmet.glb -o store --strict",
             "polyptych bake town.glb -o store --upload s3://walls/blobs",
             "polyptych bake left.pfm -o store --as warp",
         ],

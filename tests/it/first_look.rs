@@ -204,3 +204,20 @@ fn a_missing_image_shows_a_checker_and_an_empty_draco_file_is_refused() {
     let after = stage.client.status().expect("a status");
     assert_eq!((before.revision, before.scene), (after.revision, after.scene));
 }
+
+#[test]
+fn a_strict_bake_fails_where_a_note_says_what_is_not_drawn() {
+    let place = TestDir::new();
+    let mut glass = Gltf::triangle();
+    let name = "KHR_materials_transmission";
+    glass.json["materials"] = json!([{ "extensions": { name: { "transmissionFactor": 1.0 } } }]);
+    glass.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    glass.json["extensionsUsed"] = json!([name]);
+    glass.json["extensionsRequired"] = json!([name]);
+    place.write("glass.glb", glass.glb());
+    place.write("plain.glb", Gltf::triangle().glb());
+    let bake = |file, strict: &[&str]| place.run([&["bake", file, "-o", "baked"], strict].concat());
+    assert!(bake("glass.glb", &[]).succeeded().contains(name));
+    bake("glass.glb", &["--strict"]).failed(&[name, "glass.glb", "--strict"]);
+    bake("plain.glb", &["--strict"]).succeeded();
+}
