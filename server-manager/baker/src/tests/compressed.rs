@@ -43,14 +43,13 @@ fn triangles(builder: &Builder) -> Vec<Vec<[i64; 3]>> {
     let primitive = &scene.meshes[0].primitives[0];
     let rows = vertices(&place, &scene, 0, 0);
     let bytes = place.store.blobs().read(primitive.blob).expect("read").expect("there");
-    let bytes = &bytes[primitive.vertex_bytes() as usize..][..primitive.index_bytes() as usize];
-    let indices: Vec<usize> =
-        bytes.as_chunks::<2>().0.iter().map(|word| u16::from_le_bytes(*word).into()).collect();
-    let corner = |index: usize| {
-        let at = Vec3::from_slice(&rows[index]).as_dvec3() + primitive.origin;
+    let indices = primitive.finest_indices_of(&bytes);
+    let indices: Vec<u32> = primitive.index_format.numbers(&indices).collect();
+    let corner = |index: u32| {
+        let at = Vec3::from_slice(&rows[index as usize]).as_dvec3() + primitive.origin;
         (at * 4096.0).round().as_i64vec3().to_array()
     };
-    let turned = |corners: &[usize]| {
+    let turned = |corners: &[u32]| {
         let mut corners: Vec<[i64; 3]> = corners.iter().map(|index| corner(*index)).collect();
         let least = (0..3).min_by_key(|at| corners[*at]).unwrap_or(0);
         corners.rotate_left(least);
