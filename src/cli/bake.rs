@@ -108,10 +108,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let baked = bake(&arguments.file, &store, &mut progress, &cancel);
     bar.finish_and_clear();
     let baked = baked?;
-    if arguments.strict && !baked.warnings.is_empty() {
+    if let Some(first) = baked.warnings.first().filter(|_| arguments.strict) {
         say_notes(&baked.warnings)?;
         let (file, notes) = (arguments.file.display(), counted(baked.warnings.len(), "note"));
-        bail!("{file} would not be drawn as it is: {notes}; without --strict it is drawn");
+        bail!("{file} would not be drawn as it is, which --strict asks for; {notes}: {first}");
     }
     let uploaded = match &url {
         None => None,

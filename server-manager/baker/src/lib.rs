@@ -7,8 +7,9 @@
 //! One primitive or one image is in memory at a time, beside the source's buffers.
 //!
 //! ```text
-//! container -> document -> compressed -> node (pose) -> mesh (geometry, tangent, split, levels) -> texture (mip)
-//!      \-> source, uri, accessor: bytes                    \-> material, light -> manifest
+//! container -> document -> compressed -> node (pose) -> mesh -> texture (mip) -> manifest
+//!      \-> source, uri, accessor: bytes                   \-> material, light
+//! mesh: geometry, tangent, split, levels
 //! ```
 
 mod accessor;

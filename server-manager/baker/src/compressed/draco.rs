@@ -22,8 +22,8 @@ const UNSIGNED_INT: u32 = 5125;
 /// glTF's number of lists of triangles.
 const TRIANGLES: u32 = 4;
 
-/// Unpacks the parts of all meshes of which an accessor has no values of its own. A part that cannot
-/// be unpacked keeps the reason.
+/// Unpacks the parts of all meshes of which an accessor has no values of its own. A part that
+/// cannot be unpacked keeps the reason.
 pub(super) fn unpack(
     source: &mut GltfSource,
     room: &mut Room,
