@@ -57,7 +57,7 @@ pub(crate) struct BlobSources {
     stores: Arc<[WatchedStore]>,
     /// The thread on which stores are asked, if there are any.
     runtime: Option<Runtime>,
-    /// What the operator should know of the budget of memory.
+    /// The warning of the budget of memory, for the operator.
     memory_warning: Option<String>,
     /// The last warning that the manager was told.
     told: Option<String>,

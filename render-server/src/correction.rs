@@ -358,7 +358,7 @@ impl Corrector {
     /// draws the next one into it after the one before was corrected.
     ///
     /// # Errors
-    /// As of [`Self::begin`].
+    /// Those of [`Self::begin`].
     pub fn submit(
         &mut self,
         gpu: &Gpu,

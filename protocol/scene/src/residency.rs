@@ -149,7 +149,7 @@ fn refine(units: &[Unit], coarsest: u64, budget: u64) -> Vec<usize> {
     steps
 }
 
-/// What makes primitives share bytes on the GPU.
+/// The key of primitives that share bytes on the GPU.
 fn slot(of: &Primitive) -> (polyptych_files::blob::BlobHash, [u32; 4]) {
     (of.blob, [of.vertex_count, of.index_count, of.coarser_index_count, of.meshlet_count])
 }

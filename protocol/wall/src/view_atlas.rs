@@ -149,10 +149,11 @@ impl ViewAtlas {
         Self::reduced(mesh, eyes, near_m, side_max, 1.0)
     }
 
-    /// As [`Self::new`], with this share of the pixels along each side: above 0, and at most 1.
+    /// An atlas as [`Self::new`] makes it, with this share of the pixels along each side: above 0,
+    /// and at most 1.
     ///
     /// # Errors
-    /// As there.
+    /// Those of [`Self::new`].
     pub fn reduced<E: Copy + Into<Viewpoint>>(
         mesh: &WarpMesh,
         eyes: &[E],

@@ -53,7 +53,7 @@ pub(crate) struct FrameResources {
     tonemap: Tonemap,
     scratch: Scratch,
     records: Vec<InstanceRecord>,
-    /// When the frame that was finished last was done.
+    /// The end of the frame that was finished last.
     done: Option<Instant>,
 }
 

@@ -131,7 +131,7 @@ impl EyeViews {
         Self { size, viewpoints: Vec::new(), resolution_steps: 0, eyes, taps, planes }
     }
 
-    /// Whether these are the eyes that see it, with this resolution.
+    /// Returns whether these are the eyes that see it, with this resolution.
     pub fn matches(&self, eyes: &[Viewpoint], resolution_steps: u8) -> bool {
         self.viewpoints == eyes && self.resolution_steps == resolution_steps
     }

@@ -12,10 +12,10 @@ use polyptych_wall::MemoryBudget;
 /// Meshes and textures of which only a part is loaded.
 #[derive(Debug)]
 pub(super) struct HeldPart {
-    /// As their blobs have them.
+    /// Meshes with all that their blobs hold.
     meshes: Vec<Mesh>,
     textures: Vec<Texture>,
-    /// What the operator should know of it.
+    /// The warning of what is missing, for the operator.
     pub warning: Option<String>,
 }
 

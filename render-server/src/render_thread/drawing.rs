@@ -22,12 +22,12 @@ use crate::render_event;
 
 /// A channel's part of a frame, on its way.
 struct ChannelFrame<S> {
-    /// Of the outputs.
+    /// The index of its output.
     index: usize,
     id: ChannelId,
     /// The time in which it was begun.
     begin: Duration,
-    /// As far as it is.
+    /// The state of its drawing.
     step: S,
 }
 
@@ -50,7 +50,7 @@ enum Submitted {
 }
 
 impl<S> ChannelFrame<S> {
-    /// The same channel, a step further.
+    /// Returns this channel, a step further.
     fn with<T>(&self, step: T) -> ChannelFrame<T> {
         ChannelFrame { index: self.index, id: self.id, begin: self.begin, step }
     }

@@ -294,7 +294,7 @@ impl ViewExtensions {
     }
 }
 
-/// Where a compressed view stands, and how it is compressed.
+/// The place of a compressed view, and the way in which it is compressed.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct MeshoptView {

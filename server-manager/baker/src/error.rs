@@ -62,10 +62,18 @@ impl BakeError {
         Self::at(place, what, right)
     }
 
-    /// What is wrong and what would be right, without the place.
+    /// The fault and its remedy, without the place.
     pub(super) fn reason(&self) -> String {
         match self {
-            Self::Source { what, right, .. } => format!("{what}; {right}"),
+            Self::Source { right, .. } => format!("{}; {right}", self.fault()),
+            _ => self.fault(),
+        }
+    }
+
+    /// The fault alone, without place and remedy.
+    pub(super) fn fault(&self) -> String {
+        match self {
+            Self::Source { what, .. } => what.clone(),
             other => one_line(other.to_string()),
         }
     }

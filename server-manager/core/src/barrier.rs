@@ -44,7 +44,7 @@ impl FrameStartTimes {
         self.0.push_back((now, reduction));
     }
 
-    /// When `frame` began, and its reduction, the newest one being `newest`.
+    /// The beginning of `frame` and its reduction, the newest one being `newest`.
     fn of(&self, frame: FrameId, newest: FrameId) -> Option<(Micros, Reduction)> {
         let back = usize::try_from(newest.0.checked_sub(frame.0)?).ok()?;
         self.0.get(self.0.len().checked_sub(back + 1)?).copied()
@@ -85,7 +85,7 @@ pub(super) struct Barrier {
     digest: Digest,
     /// The error bound that it is drawn with, in pixels.
     pub error_px: f64,
-    /// The same as the rate bound has it, with the resolution.
+    /// The error and the resolution that it is drawn with, as the rate bound has them.
     pub reduction: Reduction,
     /// A channel that it waits for has just come, or its pictures are read back: its time says
     /// nothing of the next frames.

@@ -50,7 +50,7 @@ const UNMET_FRAMES: u32 = 10;
 /// The controller of the error bound.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct RateBound {
-    /// What is asked for where that is more.
+    /// The reduction in force; the error that was asked for counts where that is more.
     in_force: Reduction,
     /// Frames with room since the last without.
     roomy: u32,

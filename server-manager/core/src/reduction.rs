@@ -28,7 +28,7 @@ const STEPS_A_HALF: f64 = 2.0;
 /// Slack of the logarithm of a step's own reduction: far above its rounding.
 const ROUNDING: f64 = 1e-6;
 
-/// How much less than everything is drawn; 0 to [`Self::MAX`].
+/// The amount by which less than everything is drawn; 0 to [`Self::MAX`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd, Serialize, Deserialize)]
 pub(super) struct Reduction(f64);
 

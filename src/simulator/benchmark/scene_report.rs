@@ -101,9 +101,9 @@ pub(crate) struct SceneReport {
     pub(super) bounds: Vec<BoundReport>,
     /// The same wall without anything to draw: the camera looks away from the scene.
     pub(super) empty_frame: Option<FrameCosts>,
-    /// The same geometry at full detail in one colour: without materials and lights.
+    /// The geometry at full detail in one colour: without materials and lights.
     pub(super) flat_frame: Option<FrameCosts>,
-    /// Why this could not be drawn.
+    /// The reason why this could not be drawn.
     pub flat_error: Option<String>,
     /// The rate bound while the load doubles and halves.
     pub(super) load_step: Option<LoadStepReport>,

@@ -22,7 +22,7 @@ pub struct BegunFrame {
     pub(super) sky: Vec3,
     /// Items that all views may show.
     pub(super) items: usize,
-    /// What is hidden is left out.
+    /// Items that others hide are left out.
     pub(super) is_culling: bool,
     /// The search for what is hidden; `None` if there is none.
     pub(super) depths: Option<OccluderDepths>,
@@ -43,6 +43,6 @@ pub struct SubmittedFrame {
     pub(super) is_culling: bool,
     /// Time that it took to begin the frame.
     pub(super) begin: Duration,
-    /// When it was gone on with.
+    /// The instant from which on it was encoded.
     pub(super) start: Instant,
 }

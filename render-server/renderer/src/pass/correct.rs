@@ -186,7 +186,7 @@ impl Correction {
     /// As [`Self::draw`], of the pixels of a shape of this correction only: the others stay.
     ///
     /// # Errors
-    /// As of [`Self::draw`].
+    /// Those of [`Self::draw`].
     pub fn draw_overlay(
         &mut self,
         gpu: &Gpu,

@@ -173,7 +173,7 @@ impl MeshFixture {
         of_level.flat_map(|of| indices[run(of)].to_vec()).collect()
     }
 
-    /// The same without the levels that are finer than one.
+    /// A mesh without the levels that are finer than one.
     pub fn limited_to(&self, level: u32) -> Self {
         let coarsest = self.meshlets.iter().map(|meshlet| meshlet.level).max().unwrap_or(0);
         let finer: u32 = (0..level).map(|finer| self.level(finer).len() as u32).sum();

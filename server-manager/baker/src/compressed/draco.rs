@@ -47,7 +47,7 @@ pub(super) fn unpack(
             if let Err(reason) = unpack_part(source, &mut streams, (mesh, part), &draco, room) {
                 // The others can be drawn; who reads the part says why it is not.
                 let primitive = source.document.primitive_mut(mesh, part);
-                let fault = Some(reason.reason());
+                let fault = Some(reason.fault());
                 primitive.extensions.draco = Some(DracoStream { fault, ..draco });
             }
         }

@@ -48,7 +48,7 @@ enum Mode {
     Indices,
 }
 
-/// What is done with the elements of a stream after they are unpacked.
+/// The change of a stream's elements after they are unpacked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum StreamFilter {
     None,
