@@ -240,8 +240,9 @@ impl BlobSources {
     fn stored_parts(&self, hash: BlobHash, parts: &[Range<u64>]) -> Option<Vec<Bytes>> {
         let read = |folder: &BlobStore| {
             let mut reader = folder.open(hash).ok()??;
+            // A description may lie: a part may begin behind the blob's end.
             let length =
-                |of: &Range<u64>| (of.end.min(reader.total()) - of.start.min(of.end)) as usize;
+                |of: &Range<u64>| of.end.min(reader.total()).saturating_sub(of.start) as usize;
             let mut read: Vec<Vec<u8>> =
                 parts.iter().map(|of| Vec::with_capacity(length(of))).collect();
             while let Some((first, piece)) = reader.next_piece().ok()? {
@@ -252,7 +253,7 @@ impl BlobSources {
                 }
             }
             let is_whole =
-                read.iter().zip(parts).all(|(to, of)| to.len() as u64 == of.end - of.start);
+                read.iter().zip(parts).all(|(to, of)| of.start + to.len() as u64 == of.end);
             is_whole.then(|| read.into_iter().map(Bytes::from).collect())
         };
         std::iter::once(&self.cache).chain(&self.folders).find_map(read)

@@ -106,6 +106,7 @@ fn parts_of_a_blob_are_those_of_the_whole_and_are_checked() {
     });
     assert_eq!((each, given), (Ok(()), vec!["ha".into(), Bytes::new(), "bour".into()]));
     assert_eq!(fixture.sources.stored_parts(here, &[0..2, 0..8]), None, "beyond its end");
+    assert_eq!(fixture.sources.stored_parts(here, &[0..2, 9..12]), None, "behind its end");
     let cut = cut(Bytes::from_static(b"harbour"), Some(vec![0..1, 2..9]));
     assert_eq!(cut.unwrap_err(), "a blob has 7 bytes, where 9 are described");
     let path = fixture.sources.folders[0].path_of(here);
