@@ -1,5 +1,6 @@
 //! The commands, one file each.
 
+mod animation;
 mod bake;
 mod bench;
 mod bound;
@@ -90,6 +91,9 @@ enum Command {
     /// Move the camera of a running wall through stops
     #[command(subcommand)]
     Tour(tour::TourCommand),
+    /// Play, hold or list the animations of the open scene
+    #[command(subcommand)]
+    Animation(animation::AnimationCommand),
     /// Save the picture of a running wall
     Shot(remote::ShotArguments),
     /// Save frames of a running wall at equal steps of scene time
@@ -222,6 +226,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Eye(arguments) => return viewer::eye(&arguments),
         Command::View(arguments) => return viewer::view(&arguments),
         Command::Tour(command) => return tour::run(&command),
+        Command::Animation(command) => return animation::run(&command),
         Command::Shot(arguments) => return remote::capture(&arguments),
         Command::Film(arguments) => return film::film(&arguments),
         Command::Identify(arguments) => return displays::run(OutputMode::Identify, &arguments),

@@ -15,6 +15,7 @@
 //! # Ok(()) }
 //! ```
 
+mod clips;
 mod exports;
 mod quality;
 mod saved_scenes;

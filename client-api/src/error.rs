@@ -247,6 +247,7 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientErr
         Response::SavedScenes(_) => "saved scenes",
         Response::Way(_) => "a way",
         Response::Layers(_) => "layers",
+        Response::Clips(_) => "animations",
         Response::Exported(_) => "an exported scene",
     };
     ClientError::WrongAnswer { request, answer }

@@ -38,6 +38,7 @@ mod assets;
 pub mod blocking;
 mod camera;
 mod client;
+mod clips;
 mod connect;
 mod connection;
 mod connection_handle;
@@ -73,6 +74,7 @@ pub use pending::Pending;
 pub use reconnect::ReconnectPolicy;
 
 pub use glam;
+pub use polyptych_protocol::clip::{ClipAction, ClipChange, ClipStatus, ClipSummary};
 pub use polyptych_protocol::delivery::QUEUED_REQUESTS_MAX;
 pub use polyptych_protocol::exported_scene::ExportedScene;
 pub use polyptych_protocol::feedback::{

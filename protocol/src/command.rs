@@ -1,5 +1,6 @@
 //! What the manager tells a render server on its control connection.
 
+use polyptych_scene::ClipTime;
 use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
@@ -84,6 +85,8 @@ pub struct Frame {
     pub capture: bool,
     /// The error up to which coarser levels of detail are drawn.
     pub detail: DetailBound,
+    /// The clips that move the scene, as they stand in this frame.
+    pub clips: Vec<ClipTime>,
 }
 
 /// Show the frame, unless it is too late.

@@ -15,6 +15,7 @@
 //! ```
 
 pub mod bulk;
+pub mod clip;
 pub mod command;
 pub mod delivery;
 pub mod exported_scene;

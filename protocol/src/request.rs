@@ -14,6 +14,7 @@ use polyptych_wall::tour::Tour;
 use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
+use crate::clip::{ClipChange, ClipStatus, ClipSummary};
 use crate::command::Goodbye;
 use crate::delivery::Delivery;
 use crate::exported_scene::ExportedScene;
@@ -191,6 +192,11 @@ pub enum Request {
     ListLayers,
     /// Bounds the error and the rate of pictures, from the next frame on.
     SetBounds(QualityBounds),
+    /// Changes how clips of the open scene are played, from the next frame on. A wall that is
+    /// paused makes one for it.
+    ChangeClips(ClipChange),
+    /// Asks for the clips of the open scene.
+    ListClips,
 }
 
 impl Request {
@@ -236,6 +242,8 @@ impl Request {
             Self::ExportScene { .. } => "export the scene",
             Self::ListLayers => "list the layers",
             Self::SetBounds(_) => "set the bounds",
+            Self::ChangeClips(_) => "play the animation",
+            Self::ListClips => "list the animations",
         }
     }
 }
@@ -325,6 +333,8 @@ pub enum Response {
     Exported(ExportedScene),
     /// To [`Request::ListLayers`]: by name.
     Layers(Vec<LayerInfo>),
+    /// To [`Request::ListClips`]: in the order of their numbers.
+    Clips(Vec<ClipStatus>),
 }
 
 impl Response {
@@ -342,7 +352,8 @@ impl Response {
             | Self::SavedScenes(_)
             | Self::Way(_)
             | Self::Exported(_)
-            | Self::Layers(_) => false,
+            | Self::Layers(_)
+            | Self::Clips(_) => false,
             Self::Done
             | Self::SceneOpened(_)
             | Self::Frame(_)
@@ -440,6 +451,9 @@ pub struct SceneSummary {
     /// The exposure that the wall has from now on: 1, or what suits a scene that is lit in real
     /// units.
     pub exposure: f32,
+    /// Its animations.
+    #[serde(default)]
+    pub clips: Vec<ClipSummary>,
 }
 
 /// The pictures of one frame.

@@ -233,6 +233,7 @@ mod tests {
             presentation: Presentation::new(HeadPose::facing_forward(DVec3::ZERO, 0.0)),
             capture: false,
             detail: DetailBound::default(),
+            clips: Vec::new(),
         }
     }
 

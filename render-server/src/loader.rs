@@ -21,7 +21,9 @@ use polyptych_protocol::ids::{Digest, Epoch};
 use polyptych_protocol::server_message::{Prepared, ServerMessage};
 use polyptych_protocol::state_log::{Replica, SceneRef};
 use polyptych_renderer::{ContentPlace, MovedItems, SceneLayout};
-use polyptych_scene::{AssetManifests, AssetSet, NodeTraits, PlacedNodes, Scene, SceneFeatures};
+use polyptych_scene::{
+    AssetManifests, AssetSet, Motion, NodeTraits, PlacedNodes, Scene, SceneFeatures,
+};
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
@@ -58,6 +60,8 @@ pub(crate) struct LoadedState {
     pub maps: CalibrationMaps,
     /// What they make of it, on the screens of this server's channels.
     pub shapes: Arc<WallGeometry>,
+    /// What moves by itself in its scene, if anything.
+    pub motion: Option<Arc<Motion>>,
 }
 
 /// A scene as it stands: its manifest, and what was changed of it.
@@ -81,6 +85,7 @@ struct ReadyScene {
     layout: Arc<SceneLayout>,
     /// The nodes as they stand in the layout.
     placed: Arc<PlacedNodes>,
+    motion: Option<Arc<Motion>>,
     features: SceneFeatures,
     warm_up: Camera,
 }
@@ -104,6 +109,8 @@ pub(crate) enum Upload {
     Texture { index: usize, bytes: Bytes },
     /// A primitive of it.
     Primitive { mesh: usize, primitive: usize, bytes: Bytes },
+    /// What moves the vertices of a primitive that is there.
+    Deformer { mesh: usize, primitive: usize, bytes: Bytes },
     /// All is there: make it drawable, warm up, and answer with the scene's bytes.
     Finish { state: Arc<LoadedState>, answer: SyncSender<Result<u64, String>> },
     /// The scene that began will not be finished.
@@ -245,6 +252,7 @@ impl Loader {
             plans,
             maps,
             shapes,
+            motion: scene.as_ref().and_then(|scene| scene.motion.clone()),
         };
         let (answer, finished) = sync_channel(1);
         self.upload(Upload::Finish { state: Arc::new(state), answer })?;
@@ -359,10 +367,11 @@ impl Loader {
         {
             let (layout, moved) = (Arc::clone(&ready.layout), Some(Arc::new(moved)));
             self.upload(Upload::Relayout { layout, moved })?;
-            return Ok(ReadyScene { version, ..ready.clone() });
+            let motion = Motion::new(&base, &ready.placed, &replica.edits).map(Arc::new);
+            return Ok(ReadyScene { version, motion, ..ready.clone() });
         }
         let (mut edited, ids) = replica.edits.apply_to(&base, &added);
-        let traits = replica.edits.traits(&edited.nodes, ids);
+        let mut traits = replica.edits.traits(&edited.nodes, ids);
         if let Some(fault) = edited.fault() {
             return Err(format!("scene {} as it was edited: {fault}", scene.name));
         }
@@ -372,10 +381,16 @@ impl Loader {
         let warm_up = frame_views::warm_up_camera(&edited);
         let placed = PlacedNodes::new(&edited.nodes, traits.ids.clone(), replica.edits.clone());
         let placed = Arc::new(placed);
+        let motion = Motion::new(&base, &placed, &replica.edits).map(Arc::new);
+        if let Some(motion) = &motion {
+            traits.moving = motion.movers().collect();
+            traits.may_mirror = motion.may_mirror();
+        }
         let (layout, held) = (self.layout(edited, &traits, line)?, before.map(|of| &*of.layout));
         let is_known = before.is_some_and(|before| before.added.keys().eq(added.keys()))
             && held.is_some_and(|held| layout.shares_content_with(held));
-        let ready = ReadyScene { version, budget, base, added, layout, placed, features, warm_up };
+        let ready =
+            ReadyScene { version, budget, base, added, layout, placed, motion, features, warm_up };
         if is_known {
             self.upload(Upload::Relayout { layout: Arc::clone(&ready.layout), moved: None })?;
         } else {
@@ -412,6 +427,9 @@ impl Loader {
                 ContentPlace::Texture { index } => Upload::Texture { index, bytes },
                 ContentPlace::Primitive { mesh, primitive } => {
                     Upload::Primitive { mesh, primitive, bytes }
+                }
+                ContentPlace::Deformer { mesh, primitive } => {
+                    Upload::Deformer { mesh, primitive, bytes }
                 }
             })
         })

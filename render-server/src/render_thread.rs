@@ -4,6 +4,7 @@ mod arrangement;
 mod displays;
 mod drawing;
 mod images;
+mod moment;
 mod patterns;
 mod preparation;
 mod recovery;
@@ -15,6 +16,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, select};
+use moment::DrawnMoment;
 use patterns::PatternImage;
 use polyptych_protocol::command::{Frame, Swap};
 use polyptych_protocol::ids::{Epoch, Revision};
@@ -132,6 +134,8 @@ pub(crate) struct RenderThread {
     playback: FrameScheduler,
     /// Oldest first; the last one was finished last.
     states: VecDeque<ReadyState>,
+    /// The scene as clips moved it in the last frame, if they did.
+    moment: Option<DrawnMoment>,
     building: Option<SceneBuilder>,
     /// How the latest scene is laid out in the state that is finished next.
     relayout: Option<(Arc<SceneLayout>, Option<Arc<MovedItems>>)>,
@@ -164,6 +168,7 @@ impl RenderThread {
             drawing,
             playback: FrameScheduler::default(),
             states: VecDeque::new(),
+            moment: None,
             building: None,
             relayout: None,
             showing: PresentationState::default(),
@@ -336,6 +341,9 @@ impl RenderThread {
             }
             Upload::Primitive { mesh, primitive, bytes } => {
                 self.build(|gpu, builder| builder.upload_primitive(gpu, mesh, primitive, &bytes))
+            }
+            Upload::Deformer { mesh, primitive, bytes } => {
+                self.build(|_, builder| builder.upload_deformer(mesh, primitive, &bytes))
             }
             Upload::Finish { state, answer } => {
                 let finished = self.finish(state);

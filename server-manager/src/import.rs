@@ -11,10 +11,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use polyptych_files::blob::{BlobHash, BlobStore};
+use polyptych_protocol::clip::ClipSummary;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::request::SceneSummary;
 use polyptych_protocol::state_log::SceneRef;
-use polyptych_scene::{Scene, SceneFeatures, SceneOutline};
+use polyptych_scene::{Animations, Clip, Scene, SceneFeatures, SceneOutline};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
 use tokio::process::Command;
 
@@ -120,6 +121,17 @@ pub(crate) fn read_scene(folder: &BlobStore, manifest: BlobHash) -> Result<Scene
     scene.fault().map_or(Ok(scene), Err)
 }
 
+/// The animations of a scene, as clients are told of them.
+fn clips(animations: &Animations) -> Vec<ClipSummary> {
+    let played = animations.played_unasked();
+    let summary = |(index, clip): (u32, &Clip)| ClipSummary {
+        name: clip.name.clone(),
+        duration_s: clip.duration_s(),
+        is_played: played.binary_search(&index).is_ok(),
+    };
+    (0..).zip(&animations.clips).map(summary).collect()
+}
+
 pub(crate) fn read_manifest(folder: &BlobStore, hash: BlobHash) -> Result<Import, String> {
     let scene = read_scene(folder, hash)?;
     let summary = SceneSummary {
@@ -130,6 +142,7 @@ pub(crate) fn read_manifest(folder: &BlobStore, hash: BlobHash) -> Result<Import
         features: SceneFeatures::from_scene(&scene),
         notes: scene.notes.clone(),
         exposure: scene.exposure.unwrap_or(1.0),
+        clips: clips(&scene.animations),
     };
     let blobs = std::iter::once(hash).chain(scene.blobs()).collect();
     let outline = Arc::new(SceneOutline::from(&scene));

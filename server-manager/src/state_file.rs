@@ -180,7 +180,7 @@ impl StateFile {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
-    use polyptych_core::{FollowedNode, PlayedTour, TourClock};
+    use polyptych_core::{FollowedNode, PlayedClips, PlayedTour, TourClock};
     use polyptych_protocol::follow::Follow;
     use polyptych_protocol::ids::Revision;
     use polyptych_protocol::output_mode::OutputMode;
@@ -239,6 +239,7 @@ mod tests {
                 },
                 clock: TourClock::Waiting { at_s: 2.5 },
             }),
+            clips: PlayedClips::default(),
         };
         let wall = Wall { scenes: vec!["../here".into()], ..Wall::new("w", vec![], vec![]) };
         StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");

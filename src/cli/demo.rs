@@ -49,6 +49,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         frames: None,
         seconds: arguments.seconds.or((!windows).then_some(LENGTH_UNSEEN)),
         rate: windows.then_some(RATE_SEEN),
+        time: 0.0,
+        fps: None,
         orbit: true,
         walk: Vec::new(),
         no_occlusion: false,

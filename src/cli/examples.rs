@@ -35,6 +35,17 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         &["polyptych open town.glb", "polyptych open lamp.gltf --heading 90 --exposure 0.0005"],
     ),
     (
+        "animation play",
+        &[
+            "polyptych animation play",
+            "polyptych animation play Walk --speed 0.5",
+            "polyptych animation play Wave --weight 0.3 --once",
+        ],
+    ),
+    ("animation pause", &["polyptych animation pause", "polyptych animation pause 2"]),
+    ("animation seek", &["polyptych animation seek 1.5", "polyptych animation seek 0 Walk"]),
+    ("animation list", &["polyptych animation list", "polyptych animation list --json"]),
+    (
         "bound",
         &["polyptych bound --error 1", "polyptych bound --error 0.5 --rate 30", "polyptych bound"],
     ),

@@ -56,6 +56,12 @@ pub(super) struct Arguments {
     /// Frames per second at most [default: as many as the wall can]
     #[arg(long, value_name = "FPS", value_parser = rate)]
     pub rate: Option<f64>,
+    /// Scene time of the first frame, in seconds: animations are at that time
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = scene_time)]
+    pub time: f64,
+    /// Frames of a second of scene time, however long each takes [default: those of --rate, or 30]
+    #[arg(long, value_name = "FPS", value_parser = rate)]
+    pub fps: Option<f64>,
     /// Let the camera go round the scene, always as far from its middle
     #[arg(long)]
     pub orbit: bool,
@@ -92,6 +98,22 @@ pub(super) struct Arguments {
     /// Chooses the channels of faults that hit any
     #[arg(long, value_name = "NUMBER", default_value_t = 0)]
     pub fault_seed: u64,
+}
+
+impl Arguments {
+    /// Returns the seconds of scene time from the first frame to another.
+    fn seconds_of(&self, frame: u64) -> f64 {
+        frame as f64 / self.fps.or(self.rate).unwrap_or(orbit::TIME_RATE)
+    }
+}
+
+/// A scene time in seconds, as an argument.
+fn scene_time(text: &str) -> Result<f64, String> {
+    /// Beyond 30 years a frame is no longer an exact step.
+    const MAX: f64 = 1e9;
+    let time: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
+    let is_time = (0.0..=MAX).contains(&time);
+    is_time.then_some(time).ok_or_else(|| format!("a scene time is 0 to {MAX} seconds, not {text}"))
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -205,16 +227,17 @@ fn drive(
     let mut navigations = 0;
     for _ in 0..WARM_UP_FRAMES {
         let own = if navigations == 0 { camera(0) } else { None };
-        navigations = client.render_frame_at(own, Some(0.0))?.navigations;
+        navigations = client.render_frame_at(own, Some(arguments.time))?.navigations;
     }
     client.statistics(true)?;
     let mut faults = Faults::new(&arguments.fault, arguments.fault_seed, wall, local)?;
     let run = FrameRun { local, arguments, camera: &camera, ahead: wall.sync.pipeline_depth };
-    run.draw(navigations, &mut faults)?;
+    let time_s = run.draw(navigations, &mut faults)?;
     let ending = local.end.ending();
     let statistics = client.statistics(false)?;
     let (faults, faults_unrecorded) = faults.finish();
-    let capture = client.capture()?;
+    // Of the moment that the last frame showed.
+    let capture = client.capture_at(Some(time_s))?;
     for picture in &capture.channels {
         let path = arguments.out.join(channel_file(&picture.name));
         image_files::save_png(&path, &image_files::to_image(picture)?)?;
@@ -250,7 +273,7 @@ fn camera_of_frame(
         let at = from.lerp(to, n as f64 / steps as f64);
         return Some(Camera::look_at(at, at + (to - from), DVec3::Y));
     }
-    let time_s = n as f64 / arguments.rate.unwrap_or(orbit::TIME_RATE);
+    let time_s = arguments.seconds_of(n);
     Some(if arguments.orbit {
         orbit::camera_at(wall, focus?, time_s)
     } else {
@@ -277,7 +300,8 @@ struct FrameRun<'a> {
 }
 
 impl FrameRun<'_> {
-    fn draw(&self, mut navigations: u64, faults: &mut Faults<'_>) -> anyhow::Result<()> {
+    /// Draws the frames. Returns the scene time of the last one.
+    fn draw(&self, mut navigations: u64, faults: &mut Faults<'_>) -> anyhow::Result<f64> {
         let Self { local, arguments, camera, ahead } = *self;
         let count = frame_count(arguments);
         let bar = ProgressBar::with_draw_target(count, progress::target());
@@ -296,7 +320,7 @@ impl FrameRun<'_> {
             bar.inc(1);
             Ok(feedback.navigations)
         };
-        let start = Instant::now();
+        let (start, mut last_s) = (Instant::now(), arguments.time);
         for n in 0.. {
             let is_over = arguments.seconds.is_some_and(|length| start.elapsed() >= length);
             if count.is_some_and(|count| n >= count) || is_over {
@@ -308,7 +332,8 @@ impl FrameRun<'_> {
             if local.end.wait_until(start.checked_add(due).unwrap_or(start)).is_some() {
                 break;
             }
-            let time_s = Some(n as f64 / arguments.rate.unwrap_or(orbit::TIME_RATE));
+            last_s = arguments.time + arguments.seconds_of(n);
+            let time_s = Some(last_s);
             // Once the mouse has moved the camera, it is the user's.
             let own = if navigations == 0 { camera(n) } else { None };
             let request = Request::RenderFrame { camera: own, time_s };
@@ -323,7 +348,7 @@ impl FrameRun<'_> {
             answer(n, pending)?;
         }
         bar.finish_and_clear();
-        Ok(())
+        Ok(last_s)
     }
 }
 

@@ -58,6 +58,7 @@ fn scene(nodes: u64) -> Scene {
         meshlet_count: 0,
         cuts: Vec::new(),
         finest_level: 0,
+        deformed: None,
         index_format: IndexFormat::U16,
         topology: Topology::Triangles,
         material: None,
@@ -301,6 +302,7 @@ fn stage(base: &Scene) -> Stage {
         features: SceneFeatures::default(),
         notes: Vec::new(),
         exposure: 1.0,
+        clips: Vec::new(),
     };
     let scene = SceneRef { name: base.name.clone(), manifest: BlobHash::of(b"many") };
     let outline = Arc::new(SceneOutline::from(base));

@@ -83,6 +83,7 @@ pub fn frame(wall: &Wall, camera: Camera) -> Frame {
         presentation: Presentation { camera, ..Presentation::new(wall.head()) },
         capture: false,
         detail: DetailBound::default(),
+        clips: Vec::new(),
     }
 }
 

@@ -276,6 +276,7 @@ fn imported() -> ImportedScene {
         features: SceneFeatures::default(),
         notes: Vec::new(),
         exposure: 1.0,
+        clips: Vec::new(),
     };
     ImportedScene::of_file(scene, summary, Arc::default())
 }

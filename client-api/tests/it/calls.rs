@@ -22,6 +22,7 @@ pub fn summary() -> SceneSummary {
         features: SceneFeatures::default(),
         notes: Vec::new(),
         exposure: 1.0,
+        clips: Vec::new(),
     }
 }
 

@@ -124,9 +124,18 @@ pub struct NodeTraits {
     pub styles: Vec<NodeStyle>,
     /// For each node the way in which it turns towards the viewer by itself. Empty if none does.
     pub facings: Vec<Option<Facing>>,
+    /// Indices of the nodes that clips may move, rising.
+    pub moving: Vec<u32>,
+    /// Whether a clip may turn some of them inside out.
+    pub may_mirror: bool,
 }
 
 impl NodeTraits {
+    /// Returns whether a clip may move a node.
+    pub fn is_moving(&self, node: usize) -> bool {
+        u32::try_from(node).is_ok_and(|node| self.moving.binary_search(&node).is_ok())
+    }
+
     /// The traits of a scene that was not edited: its nodes have their indices as numbers.
     pub fn of_file(nodes: usize) -> Self {
         Self { ids: (0..nodes as u64).map(NodeId).collect(), ..Self::default() }
@@ -150,7 +159,7 @@ impl SceneEdits {
         }
         let styles = self.inherited(nodes, &ids, |of| of.style, NodeStyle::below);
         let facings = self.inherited(nodes, &ids, |of| of.facing, |own, _| own);
-        NodeTraits { ids, layers, layer_of, styles, facings }
+        NodeTraits { ids, layers, layer_of, styles, facings, ..NodeTraits::default() }
     }
 
     /// For each node what `below` makes of what it has of its own and of what the node above it

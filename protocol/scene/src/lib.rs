@@ -4,6 +4,8 @@
 //! scene; meshes and textures are further blobs, named in it by hash. Indices between its lists
 //! are checked once, by [`Scene::fault`], where a manifest comes in.
 
+mod animation;
+pub mod deformation;
 mod edit;
 mod features;
 pub mod glb;
@@ -14,6 +16,7 @@ mod material;
 mod measured;
 mod mesh;
 pub mod meshlet;
+mod motion;
 mod node_edits;
 mod node_extras;
 mod outline;
@@ -27,6 +30,10 @@ mod texture;
 use glam::{DAffine3, DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
+pub use animation::{
+    AnimatedNode, AnimatedPath, Animations, Channel, Clip, ClipTime, Interpolation,
+};
+pub use deformation::Deformation;
 pub use edit::{
     AssetSet, Attribute, Edit, NewNode, NodeId, provisional_asset, provisional_asset_index,
 };
@@ -35,6 +42,7 @@ pub use layers::{Layers, NodeTraits, SceneSubset};
 pub use level_cut::{CUTS_MAX, LevelCut};
 pub use material::{AlphaMode, Material, TextureRef};
 pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
+pub use motion::{Moment, Motion};
 pub use node_edits::NodeEdits;
 pub use node_extras::NodeExtras;
 pub use outline::{EditError, SceneOutline, check_attribute};
@@ -77,6 +85,10 @@ pub struct Scene {
     pub exposure: Option<f32>,
     /// Facts of the source about nodes beside their picture, by node; most have none.
     pub extras: Vec<NodeExtras>,
+    /// All that moves by itself.
+    pub animations: Animations,
+    /// The meshes whose vertices move, each at most once.
+    pub deformations: Vec<Deformation>,
 }
 
 /// One place in the scene.
@@ -198,10 +210,12 @@ impl Scene {
         })
     }
 
-    /// The hashes of every mesh and texture, in the order of the manifest; one may stand twice.
+    /// The hashes of every mesh, texture and deformation, in the order of the manifest; one may stand twice.
     pub fn blobs(&self) -> impl Iterator<Item = BlobHash> + '_ {
         let primitives = self.meshes.iter().flat_map(|m| &m.primitives);
-        primitives.map(|p| p.blob).chain(self.textures.iter().map(|t| t.blob))
+        let of_primitive = |p: &Primitive| [Some(p.blob), p.deformed.map(|of| of.blob)];
+        let of_primitives = primitives.flat_map(of_primitive).flatten();
+        of_primitives.chain(self.textures.iter().map(|t| t.blob))
     }
 
     /// What is wrong with this manifest, if anything: an index that points nowhere, a parent
@@ -232,6 +246,9 @@ impl Scene {
         if let Some(fault) = node_extras::fault(&self.extras, self.nodes.len()) {
             return Some(fault);
         }
+        if let Some(fault) = self.motion_fault() {
+            return Some(fault);
+        }
         if let Some(exposure) = self.exposure.filter(|e| !(e.is_finite() && *e > 0.0)) {
             return Some(format!("its exposure is {exposure}, not a number above 0"));
         }
@@ -245,6 +262,10 @@ impl Scene {
             if mesh.primitives.iter().any(Primitive::has_unusable_levels) {
                 return Some(format!("mesh {i} has levels of detail that cannot be drawn"));
             }
+            let deformed = mesh.primitives.iter().filter_map(|of| of.deformed?.fault(of));
+            if let Some(fault) = { deformed }.next() {
+                return Some(format!("mesh {i} {fault}"));
+            }
             if let Some(fault) = mesh.cuts_fault() {
                 return Some(format!("mesh {i} has {fault}"));
             }
@@ -256,6 +277,35 @@ impl Scene {
         }
         let bad = self.textures.iter().position(|t| t.fault().is_some());
         bad.and_then(|i| Some(format!("texture {i}: {}", self.textures[i].fault()?)))
+    }
+}
+
+impl Scene {
+    /// Returns what is wrong with what moves by itself, if anything.
+    fn motion_fault(&self) -> Option<String> {
+        if let Some(fault) = self.animations.fault(self.nodes.len()) {
+            return Some(fault);
+        }
+        let mut is_deformed = vec![false; self.meshes.len()];
+        let animated = self.animations.nodes.len();
+        for (at, of) in self.deformations.iter().enumerate() {
+            let (Some(mesh), Some(known)) =
+                (self.meshes.get(of.mesh as usize), is_deformed.get_mut(of.mesh as usize))
+            else {
+                return Some(format!("deformation {at} names a mesh that is not there"));
+            };
+            if std::mem::replace(known, true) {
+                return Some(format!("mesh {} has two deformations", of.mesh));
+            }
+            if let Some(fault) = of.fault(&mesh.primitives, self.nodes.len(), animated) {
+                return Some(format!("deformation {at} {fault}"));
+            }
+            let weights_of = of.weights_of.map(|at| &self.animations.nodes[at as usize].weights);
+            if weights_of.is_some_and(|weights| weights.len() != of.weights.len()) {
+                return Some(format!("deformation {at} has not as many weights as its node"));
+            }
+        }
+        None
     }
 }
 
@@ -299,6 +349,7 @@ mod tests {
             meshlet_count: 0,
             cuts: Vec::new(),
             finest_level: 0,
+            deformed: None,
             index_format: IndexFormat::U16,
             topology: Topology::Triangles,
             material: None,

@@ -4,6 +4,7 @@ use glam::{DVec3, Vec3};
 use polyptych_files::blob::BlobHash;
 use serde::{Deserialize, Serialize};
 
+use super::deformation::DeformedPrimitive;
 use super::level_cut::LevelCut;
 use super::meshlet::Meshlet;
 
@@ -53,6 +54,8 @@ pub struct Primitive {
     pub cuts: Vec<LevelCut>,
     /// The level that is drawn as the finest one: 0, unless it is limited to a cut.
     pub finest_level: u32,
+    /// What moves its vertices, if anything; its own blob has them at rest then, and no levels.
+    pub deformed: Option<DeformedPrimitive>,
 }
 
 /// Which attributes a vertex has. Position and normal are always there.

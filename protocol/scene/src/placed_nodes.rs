@@ -69,6 +69,31 @@ impl PlacedNodes {
         self.tree().index_of(&self.ids, node)
     }
 
+    /// The number of a placed node.
+    pub(crate) fn id(&self, index: u32) -> NodeId {
+        self.ids[index as usize]
+    }
+
+    /// The index of the node that a placed node hangs from.
+    pub(crate) fn parent(&self, index: u32) -> Option<u32> {
+        Some(self.parents[index as usize]).filter(|parent| *parent != NONE)
+    }
+
+    /// The indices of the nodes that hang from a placed node.
+    pub(crate) fn children(&self, index: u32) -> impl Iterator<Item = u32> + '_ {
+        self.tree().children(index).iter().copied()
+    }
+
+    /// World space from a placed node's space, with these edits.
+    pub(crate) fn world_of(
+        &self,
+        base: &Scene,
+        edits: &SceneEdits,
+        index: u32,
+    ) -> Option<DAffine3> {
+        self.world(base, edits, index).flatten()
+    }
+
     /// The nodes are placed with these edits from now on, which move no more than [`Self::moved`]
     /// says.
     pub fn follow(&mut self, edits: SceneEdits) {

@@ -15,7 +15,7 @@ use crate::layers::Layers;
 use crate::measured::Measured;
 use crate::node_edits::NodeEdits;
 use crate::shared_map::SharedMap;
-use crate::{Light, Material, Mesh, Node, Scene};
+use crate::{Animations, Light, Material, Mesh, Node, Scene};
 
 /// The manifests of assets that were added to a scene.
 pub type AssetManifests = BTreeMap<BlobHash, Arc<Scene>>;
@@ -260,7 +260,8 @@ impl SceneEdits {
         self.bytes = self.bytes.wrapping_sub(bytes);
     }
 
-    /// The scene as it stands, and the number of each of its nodes. What is removed, hidden or not
+    /// The scene as it stands, and the number of each of its nodes. What moves by itself is not in
+    /// it: [`Motion`](crate::Motion) has that. What is removed, hidden or not
     /// chosen by a switch, and what hangs from it, is left out; what hidden layers have is not,
     /// since views may show it ([`Self::traits`]). Parents stand before their children, and
     /// otherwise nodes in the order of their numbers. Added meshes whose manifest is not given are
@@ -293,6 +294,8 @@ impl SceneEdits {
             notes: base.notes.clone(),
             exposure: base.exposure,
             extras: Vec::new(),
+            animations: Animations::default(),
+            deformations: Vec::new(),
         };
         self.add_assets(&mut scene, added);
         for (&material, to) in self.materials.iter() {

@@ -54,6 +54,7 @@ fn frame() -> Frame {
         },
         capture: true,
         detail: DetailBound { error_px: 0.5, densities: vec![2000.0], resolution_steps: 3 },
+        clips: Vec::new(),
     }
 }
 

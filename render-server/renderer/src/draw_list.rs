@@ -117,7 +117,7 @@ impl DrawList {
             ..Self::default()
         };
         sort(scene, view, items, scratch);
-        let turns = Billboard::turns(&scene.layout.billboards, view);
+        let turns = Billboard::turns(scene.billboards(), view);
         let seen_from =
             SeenFrom { eye: view.eye_in_world, clip_from_eye: view.scaled_clip_from_eye(), turns };
         let Scratch { opaque, blended, chosen, .. } = scratch;

@@ -350,7 +350,7 @@ impl FrameResources {
         lists: &'a [DrawList],
     ) -> DrawContext<'a> {
         let uniform_size = uniform_stride(gpu, size_of::<FrameUniform>());
-        let lamp_count = scene.layout.lights.lamps.len().max(1);
+        let lamp_count = scene.lamps().len().max(1);
         let lamp_size = lamp_count * size_of::<LocalLightRecord>();
         let alignment = gpu.device.limits().min_storage_buffer_offset_alignment as usize;
         let lamp_stride = lamp_size.next_multiple_of(alignment);
@@ -362,13 +362,8 @@ impl FrameResources {
             let bytes = bytemuck::bytes_of(&uniform);
             uniforms[index * uniform_size..][..bytes.len()].copy_from_slice(bytes);
             let eye = view.eye_in_world;
-            let records: Vec<_> = scene
-                .layout
-                .lights
-                .lamps
-                .iter()
-                .map(|lamp| LocalLightRecord::new(lamp, eye, part))
-                .collect();
+            let record = |lamp| LocalLightRecord::new(lamp, eye, part);
+            let records: Vec<_> = scene.lamps().iter().map(record).collect();
             let bytes = bytemuck::cast_slice(&records);
             lamps[index * lamp_stride..][..bytes.len()].copy_from_slice(bytes);
         }

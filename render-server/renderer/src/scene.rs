@@ -1,5 +1,6 @@
 //! A scene on the GPU: everything about it that does not change from frame to frame.
 
+mod bent_vertices;
 mod billboard;
 mod builder;
 mod bvh;
@@ -10,6 +11,7 @@ mod layout;
 mod light;
 mod material;
 mod meshlet;
+mod moment;
 mod moved_items;
 mod outline;
 mod slots;
@@ -30,7 +32,7 @@ pub(crate) use draw_item::PlacedMesh;
 pub(crate) use draw_item::{Bounds, DrawItem, EyeRelativeTransform, Stance, relative_to};
 pub(crate) use geometry::Geometry;
 pub use layout::{ContentPlace, SceneLayout};
-pub(crate) use light::LocalLight;
+pub(crate) use light::{DirectionalLight, LocalLight};
 pub(crate) use material::MaterialUniform;
 pub(crate) use meshlet::{MeshletCull, Meshlets, joined};
 pub use moved_items::{MovedItems, MovedNode};
@@ -136,6 +138,23 @@ impl GpuScene {
     pub(crate) fn lamp_list(&self, range: std::ops::Range<usize>) -> Vec<u32> {
         let own = self.moved.as_ref().map_or(&[][..], |moved| moved.lamp_indices());
         self.layout.lights.indices.iter().chain(own).copied().collect::<Vec<_>>()[range].to_vec()
+    }
+
+    /// The first directional lights, as they shine now.
+    pub(crate) fn suns(&self) -> &[DirectionalLight] {
+        let moved = self.moved.as_ref().and_then(|moved| moved.lights());
+        moved.map_or(&self.layout.lights.suns, |moved| &moved.suns)
+    }
+
+    /// All other lights, as they shine now.
+    pub(crate) fn lamps(&self) -> &[LocalLight] {
+        let moved = self.moved.as_ref().and_then(|moved| moved.lights());
+        moved.map_or(&self.layout.lights.lamps, |moved| &moved.lamps)
+    }
+
+    /// The nodes that turn towards the viewer, as they stand now.
+    pub(crate) fn billboards(&self) -> &[Billboard] {
+        self.moved.as_ref().map_or(&self.layout.billboards, |moved| moved.billboards())
     }
 
     /// Around all items of a batch, visible or not.

@@ -198,7 +198,7 @@ impl ViewDesc {
     /// The uniforms of this view of a part of a scene.
     pub(crate) fn uniform(&self, scene: &GpuScene, part: Selection) -> FrameUniform {
         let mut suns = [DirectionalLightRecord::default(); SUNS_MAX];
-        for (record, sun) in suns.iter_mut().zip(&scene.layout.lights.suns) {
+        for (record, sun) in suns.iter_mut().zip(scene.suns()) {
             record.toward = sun.toward.to_array();
             record.irradiance = sun.on.color_in(sun.irradiance, part).to_array();
         }

@@ -112,6 +112,7 @@ fn frame(head: HeadPose) -> Frame {
         presentation: Presentation::new(head),
         capture: false,
         detail: DetailBound::default(),
+        clips: Vec::new(),
     }
 }
 

@@ -72,6 +72,7 @@ impl HeldPart {
                 let (whole, held) = (self.textures.get(index)?, limited.textures.get(index)?);
                 Some(std::iter::once(whole.bytes() - held.bytes()..whole.bytes()).collect())
             }
+            ContentPlace::Deformer { .. } => None,
             ContentPlace::Primitive { mesh, primitive } => {
                 let whole = self.meshes.get(mesh)?.primitives.get(primitive)?;
                 let held = limited.meshes.get(mesh)?.primitives.get(primitive)?;

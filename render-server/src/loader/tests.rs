@@ -75,6 +75,7 @@ impl Stage {
             meshlet_count: 0,
             cuts: Vec::new(),
             finest_level: 0,
+            deformed: None,
             index_format: IndexFormat::U16,
             topology: Topology::Triangles,
             material: None,

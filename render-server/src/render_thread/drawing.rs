@@ -68,8 +68,9 @@ impl RenderThread {
         }
         let Some(drawable) = self.states.front() else { return };
         let state = Arc::clone(&drawable.state);
-        let scene = Rc::clone(&drawable.scene);
         let correctors = Rc::clone(&drawable.correctors);
+        let scene = Rc::clone(&drawable.scene);
+        let scene = self.scene_at(scene, state.motion.as_deref(), &frame.clips);
         let Some(wall) = state.replica.wall.as_deref() else { return };
         let began = Instant::now();
         let (mut is_drawn, mut begun) = (true, Vec::with_capacity(self.outputs.len()));

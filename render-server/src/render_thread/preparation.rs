@@ -119,6 +119,7 @@ impl RenderThread {
             presentation: Presentation { camera: state.warm_up, ..Presentation::new(wall.head()) },
             capture: false,
             detail: DetailBound::default(),
+            clips: Vec::new(),
         };
         let (mut views, content) = match correctors.borrow_mut().get_mut(&channel.name) {
             Some(corrector) => (corrector.views(&self.gpu, wall, &frame)?, ImageEncoding::Light),

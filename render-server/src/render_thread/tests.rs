@@ -116,6 +116,7 @@ impl RenderThreadFixture {
             plans,
             maps: CalibrationMaps::default(),
             shapes: Arc::default(),
+            motion: None,
         };
         let desc = Scene { sky: Vec3::new(0.2, 0.3, 0.4), ..Scene::default() };
         let builder = SceneBuilder::new(&self.thread.gpu, desc).expect("a scene");
@@ -140,6 +141,7 @@ impl RenderThreadFixture {
             },
             capture: true,
             detail: DetailBound::default(),
+            clips: Vec::new(),
         };
         self.thread.handle(RenderTask::Frame(Box::new(frame)));
         self.turn();

@@ -353,9 +353,37 @@ pub(super) struct Skin {
     pub inverse_bind_matrices: Option<u32>,
 }
 
-/// Only counted.
+/// A clip.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Animation {
+    pub name: String,
+    pub channels: Vec<AnimationChannel>,
+    pub samplers: Vec<AnimationSampler>,
+}
+
+/// What a sampler moves.
 #[derive(Debug, Deserialize)]
-pub(super) struct Animation {}
+pub(super) struct AnimationChannel {
+    pub sampler: u32,
+    pub target: AnimationTarget,
+}
+
+/// A property of a node.
+#[derive(Debug, Deserialize)]
+pub(super) struct AnimationTarget {
+    pub node: Option<u32>,
+    pub path: String,
+}
+
+/// Times, values, and what is between them.
+#[derive(Debug, Deserialize)]
+pub(super) struct AnimationSampler {
+    pub input: u32,
+    pub output: u32,
+    #[serde(default)]
+    pub interpolation: Option<String>,
+}
 
 /// Only counted.
 #[derive(Debug, Deserialize)]

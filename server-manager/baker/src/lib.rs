@@ -13,10 +13,12 @@
 //! ```
 
 mod accessor;
+mod animation;
 mod bake_cache;
 mod bounds;
 mod compressed;
 mod container;
+mod deformation;
 mod document;
 mod error;
 mod exposure;
@@ -31,6 +33,7 @@ mod light;
 pub mod map;
 mod material;
 mod mesh;
+mod mesh_use;
 mod mip;
 mod node;
 mod notes;
@@ -69,7 +72,7 @@ use shared_borders::SharedBorders;
 use source::GltfSource;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 8;
+const BAKER_VERSION: u32 = 9;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.
@@ -269,7 +272,8 @@ impl BakeJob<'_> {
 
     fn scene(&mut self, name: String) -> Result<Scene, BakeError> {
         self.note_what_is_left_out();
-        let node::Placed { nodes, meshes, extras } = node::read(self)?;
+        let clips = animation::ClipTargets::of(&self.source.document);
+        let node::Placed { nodes, meshes, extras, place_of } = node::read(self, &clips)?;
         let extras = extras.into_list(self);
         let mut scene = Scene { name, nodes, sky: SKY_DEFAULT, extras, ..Scene::default() };
         let world = scene.world_from_nodes();
@@ -287,6 +291,9 @@ impl BakeJob<'_> {
         self.check_anything_is_drawn(&scene.meshes)?;
         let mesh_of: BTreeMap<u32, u32> = scales.keys().copied().zip(0..).collect();
         renumber(&mut scene.nodes, |node| &mut node.mesh, &mesh_of);
+        let (animations, animated) = animation::read(self, &place_of, &scene.nodes)?;
+        scene.animations = animations;
+        scene.deformations = meshes.deformations(&mesh_of, &animated, &scene.meshes);
         // Again, since large primitives were split.
         check_expansion(&scene.nodes, scene.draws())?;
 
@@ -332,7 +339,6 @@ impl BakeJob<'_> {
             self.warn(&note);
         }
         let counts = [
-            ("animations", document.animations.len(), "not played: the scene stands at rest"),
             ("cameras", document.cameras.len(), "not used: the wall has a camera of its own"),
             ("scenes", document.scenes.len().saturating_sub(1), "not shown beside the one that is"),
             (

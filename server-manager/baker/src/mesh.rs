@@ -6,11 +6,13 @@ use std::sync::atomic::AtomicBool;
 use polyptych_scene::{Mesh, Primitive, Topology, VertexLayout};
 use rayon::prelude::*;
 
+use super::deformation::{BentMesh, Bindings};
 use super::error::BakeError;
 use super::geometry::{self, Geometry, Tangents, flat_normal};
 use super::material::{Palette, VertexRequirements};
+use super::mesh_use::{MeshUse, Meshes};
 use super::piece::{Blob, Piece};
-use super::pose::{Meshes, Pose};
+use super::pose::Pose;
 use super::shared_borders::SharedBorders;
 use super::split;
 use super::{BakeJob, check, document, tangent, topology};
@@ -35,6 +37,8 @@ struct PrimitiveKey {
     pose: Option<u32>,
     /// The mesh, if what is beside it decides about its levels.
     border: Option<u32>,
+    /// The mesh, if clips bend it.
+    bent: Option<u32>,
 }
 
 /// A mesh whose primitives are being written.
@@ -75,7 +79,8 @@ pub(super) fn write_all(
             let is_lit = is_surface || primitive.attributes.contains_key("NORMAL");
             let (material, needs) = palette.material(job, primitive.material, is_lit, &place)?;
             let pose = uses.pose(used, primitive).map(|(index, _)| index);
-            keys.push(PrimitiveKey { border, ..key(primitive, &needs, scale, pose) });
+            let key = key(primitive, &needs, scale, pose);
+            keys.push(PrimitiveKey { border, bent: used.bent, ..key });
             all_needs.push((place, needs));
             materials.push(material);
         }
@@ -87,8 +92,8 @@ pub(super) fn write_all(
             for (primitive, (place, needs)) in json.primitives.iter().zip(&all_needs) {
                 job.step("meshes", batch.read, total)?;
                 batch.read += 1;
-                let pose = uses.pose(used, primitive).map(|(_, pose)| pose);
-                let pieces = read(job, primitive, needs, scale, pose, place)?;
+                let shape = PrimitiveShape::of(uses, used, primitive);
+                let pieces = read(job, primitive, needs, scale, shape, place)?;
                 mesh.push(pieces.into_iter().map(|piece| piece.with_locks(is_shared)).collect());
             }
             let number = batch.add(mesh);
@@ -144,10 +149,13 @@ impl Batch {
         let finished: Vec<(usize, Vec<(usize, Blob)>)> =
             meshes.into_par_iter().map(finish).collect::<Result<_, BakeError>>()?;
         for (mesh, blobs) in finished {
-            for (at, Blob { bytes, primitive, levels, place }) in blobs {
-                let blob = job.write(&bytes, &place)?;
+            for (at, Blob { bytes, mut primitive, levels, deformer, place }) in blobs {
+                primitive.blob = job.write(&bytes, &place)?;
+                if let (Some(described), Some(bytes)) = (&mut primitive.deformed, deformer) {
+                    described.blob = job.write(&bytes, &place)?;
+                }
                 job.levels.add(&levels, 1.0);
-                self.written[mesh][at].push(Primitive { blob, ..primitive });
+                self.written[mesh][at].push(primitive);
             }
         }
         Ok(())
@@ -179,6 +187,24 @@ fn key(
         scale: scale.to_bits(),
         pose,
         border: None,
+        bent: None,
+    }
+}
+
+/// The shape of a primitive.
+enum PrimitiveShape<'a> {
+    /// As it is, or in a pose.
+    Still(Option<&'a Pose>),
+    /// Bent by clips.
+    Bent(&'a BentMesh, Pose),
+}
+
+impl<'a> PrimitiveShape<'a> {
+    fn of(uses: &'a Meshes, used: MeshUse, primitive: &document::Primitive) -> Self {
+        match uses.bent(used) {
+            Some((bent, pose)) => Self::Bent(bent, pose),
+            None => Self::Still(uses.pose(used, primitive).map(|(_, pose)| pose)),
+        }
     }
 }
 
@@ -188,9 +214,10 @@ fn read(
     json: &document::Primitive,
     needs: &VertexRequirements,
     scale: f64,
-    pose: Option<&Pose>,
+    shape: PrimitiveShape<'_>,
     place: &str,
 ) -> Result<Vec<Piece>, BakeError> {
+    let pose = if let PrimitiveShape::Still(pose) = shape { pose } else { None };
     let Some(mut geometry) = geometry::read(job, json, needs, pose, place)? else {
         return Ok(Vec::new());
     };
@@ -200,6 +227,12 @@ fn read(
         let made = tangent::generate(job, &geometry, map, place);
         geometry.tangents = Tangents::Corner(made);
     }
+    let bindings = match &shape {
+        PrimitiveShape::Still(_) => None,
+        PrimitiveShape::Bent(bent, pose) => {
+            Some(Bindings::read(job, json, (bent, pose), (&geometry, needs), place)?)
+        }
+    };
     job.check()?;
     let arity = topology::arity(geometry.topology);
     let pieces = split::split(&geometry.positions, &geometry.indices, arity, scale, job.cancel)?;
@@ -215,6 +248,7 @@ fn read(
         geometry,
         keeps_order: needs.keeps_order,
         scale,
+        bindings,
     };
     let mut read = Vec::with_capacity(pieces.ranges.len());
     for range in pieces.ranges {
@@ -238,6 +272,7 @@ struct PieceReader {
     scale: f64,
     /// The piece's number of each of the primitive's vertices; all unset between pieces.
     new_of: Vec<u32>,
+    bindings: Option<Bindings>,
 }
 
 impl PieceReader {
@@ -249,12 +284,24 @@ impl PieceReader {
     ) -> Result<Piece, BakeError> {
         let is_shared = self.geometry.normals.is_some()
             && !matches!(self.geometry.tangents, Tangents::Corner(_));
-        let (indices, vertices) =
-            if is_shared { self.gather(elements) } else { self.weld(elements, job.cancel)? };
+        let (indices, vertices) = if is_shared {
+            self.gather(elements)
+        } else if self.bindings.is_some() && self.geometry.normals.is_none() {
+            self.separate(elements)
+        } else {
+            self.weld(elements, job.cancel)?
+        };
+        let interleaved = self.interleave(&vertices);
+        let bent = self.bindings.as_ref().map(|bindings| {
+            let sources: Vec<u32> = vertices.iter().map(|vertex| vertex.source).collect();
+            let vertices = interleaved.clone();
+            (bindings.deformer(self.layout, vertices, &sources), bindings.rest.clone())
+        });
         Ok(Piece {
             topology: self.geometry.topology,
             layout: self.layout,
-            vertices: self.interleave(&vertices),
+            vertices: interleaved,
+            bent,
             indices,
             keeps_order: self.keeps_order,
             scale: self.scale,
@@ -286,6 +333,14 @@ impl PieceReader {
             self.new_of[vertex.source as usize] = u32::MAX;
         }
         (indices, vertices)
+    }
+
+    /// A vertex for each corner: triangles that are flat now may not be so together when they are
+    /// bent.
+    fn separate(&self, elements: &[u32]) -> (Vec<u32>, Vec<Vertex>) {
+        let vertex = |corner| Vertex { source: self.geometry.indices[corner as usize], corner };
+        let vertices: Vec<Vertex> = self.corners(elements).map(vertex).collect();
+        ((0..vertices.len() as u32).collect(), vertices)
     }
 
     /// The same where normals or tangents belong to corners: corners that agree share a vertex.

@@ -9,10 +9,11 @@ use polyptych_scene::{Instance, Node};
 use polyptych_text::counted;
 
 use super::accessor::Accessor;
+use super::animation::ClipTargets;
 use super::document::{self, Instancing};
 use super::error::BakeError;
 use super::extras::ExtrasList;
-use super::pose::Meshes;
+use super::mesh_use::{Meshes, SkinnedPlace};
 use super::{BakeJob, uri};
 
 /// How far the last row of a matrix may be from 0, 0, 0, 1.
@@ -25,19 +26,31 @@ pub(super) struct Placed {
     pub nodes: Vec<Node>,
     pub meshes: Meshes,
     pub extras: ExtrasList,
+    /// The place among `nodes` of each node of the file that is there.
+    pub place_of: Vec<Option<u32>>,
+}
+
+/// A mesh whose node has a skin: where it stands is known once all nodes are.
+struct Skinned {
+    /// Of the file.
+    node: u32,
+    mesh: u32,
+    /// Of the scene.
+    place: u32,
+    is_hidden: bool,
 }
 
 /// Reads the shown scene. A mesh that stands elsewhere than its node becomes a node of its own,
 /// behind all others.
-pub(super) fn read(job: &mut BakeJob<'_>) -> Result<Placed, BakeError> {
+pub(super) fn read(job: &mut BakeJob<'_>, clips: &ClipTargets) -> Result<Placed, BakeError> {
     let json: &[document::Node] = &job.source.document.nodes;
     let parents = parents(json)?;
     check_cycles(json, &parents)?;
     let roots = roots(job, &parents)?;
     let tree = Tree { nodes: json, parents: &parents };
     let mut is_seen = vec![false; json.len()];
-    let mut placed = Placed::default();
-    let mut apart = Vec::new();
+    let mut placed = Placed { place_of: vec![None; json.len()], ..Placed::default() };
+    let mut skinned = Vec::new();
     // Each copy is a draw at least, and 40 bytes of the manifest.
     let mut instances_left = DRAWS_MAX as usize;
     let mut stack: Vec<(u32, Option<u32>, bool)> =
@@ -58,29 +71,57 @@ pub(super) fn read(job: &mut BakeJob<'_>) -> Result<Placed, BakeError> {
         instances_left -= made.instances.len();
         placed.extras.add(place, node);
         let is_hidden = is_below_hidden || !node.extensions.visibility.visible;
-        if let Some(mesh) = made.mesh {
-            let (used, elsewhere) = placed.meshes.of_node(job, &tree, index, mesh)?;
-            made.mesh = Some(used).filter(|_| elsewhere.is_none());
-            if let Some(local) = elsewhere {
-                if !std::mem::take(&mut made.instances).is_empty() {
-                    job.warn(&format!("nodes[{index}]: a mesh with a skin is drawn once only"));
-                }
-                let name = node.name.clone();
-                let (mesh, light, instances) = (Some(used), None, Vec::new());
-                apart.push((Node { name, parent: None, local, mesh, light, instances }, is_hidden));
+        match made.mesh.filter(|_| node.skin.is_some()) {
+            Some(mesh) => {
+                made.mesh = None;
+                skinned.push(Skinned { node: index, mesh, place, is_hidden });
+            }
+            None => {
+                let is_morphing = clips.change_weights_of(index);
+                let used = |mesh| placed.meshes.of_node(job, (node, index), mesh, is_morphing);
+                made.mesh = made.mesh.map(used).transpose()?;
             }
         }
+        placed.place_of[index as usize] = Some(place);
         placed.nodes.push(made);
         let children = node.children.iter().rev();
         stack.extend(children.map(|&child| (child, Some(place), is_hidden)));
     }
-    for (node, is_hidden) in apart {
-        if is_hidden {
-            placed.extras.hide(placed.nodes.len() as u32);
-        }
-        placed.nodes.push(node);
+    for one in skinned {
+        placed.add_skinned(job, &tree, clips, &one)?;
     }
+    placed.meshes.set_nodes(&placed.nodes);
     Ok(placed)
+}
+
+impl Placed {
+    /// Adds the mesh of a node with a skin, as a node of its own where it stands elsewhere.
+    fn add_skinned(
+        &mut self,
+        job: &mut BakeJob<'_>,
+        tree: &Tree<'_>,
+        clips: &ClipTargets,
+        one: &Skinned,
+    ) -> Result<(), BakeError> {
+        let (node, place_of) = ((one.node, one.mesh), &self.place_of);
+        let (used, place) = self.meshes.of_skinned_node(job, tree, node, clips, place_of)?;
+        let at_node = &mut self.nodes[one.place as usize];
+        let SkinnedPlace::Below(parent, local) = place else {
+            at_node.mesh = Some(used);
+            return Ok(());
+        };
+        if !std::mem::take(&mut at_node.instances).is_empty() {
+            let index = one.node;
+            job.warn(&format!("nodes[{index}]: a mesh with a skin is drawn once only"));
+        }
+        let name = at_node.name.clone();
+        if one.is_hidden {
+            self.extras.hide(self.nodes.len() as u32);
+        }
+        let (mesh, light, instances) = (Some(used), None, Vec::new());
+        self.nodes.push(Node { name, parent, local, mesh, light, instances });
+        Ok(())
+    }
 }
 
 /// The file's nodes, a tree without cycles.
@@ -90,6 +131,11 @@ pub(super) struct Tree<'a> {
 }
 
 impl Tree<'_> {
+    /// The node that a node of the file hangs from.
+    pub(super) fn parent(&self, index: u32) -> Option<u32> {
+        self.parents.get(index as usize).copied().flatten()
+    }
+
     /// The nodes from a root down to this one, which is the last.
     pub(super) fn chain(&self, index: u32) -> Vec<u32> {
         let parent = |&at: &u32| self.parents.get(at as usize).copied().flatten();

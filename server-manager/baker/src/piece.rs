@@ -7,6 +7,9 @@ use polyptych_files::blob::BlobHash;
 use polyptych_scene::meshlet::Meshlet;
 use polyptych_scene::{IndexFormat, Primitive, Topology, VertexLayout};
 
+use polyptych_scene::deformation::{Deformer, Shape};
+
+use super::deformation;
 use super::error::BakeError;
 use super::levels::{self, LevelFacts, Levels, Surface, coarse_first};
 use super::{check, vertex_cache};
@@ -29,6 +32,8 @@ pub(super) struct Piece {
     pub scale: f64,
     /// The vertices that no level moves or leaves out, rising.
     pub locked: Vec<u32>,
+    /// What clips bend, and its shape at rest; `vertices` are as they are before.
+    pub bent: Option<(Deformer, Shape)>,
     /// The primitive in the file, for messages.
     pub place: String,
 }
@@ -41,6 +46,8 @@ pub(super) struct Blob {
     pub primitive: Primitive,
     /// The levels, with their errors in metres.
     pub levels: LevelFacts,
+    /// The bytes of what bends it.
+    pub deformer: Option<Vec<u8>>,
     pub place: String,
 }
 
@@ -63,7 +70,8 @@ impl Piece {
     /// # Errors
     /// [`BakeError::Cancelled`].
     pub(super) fn finish(pieces: Vec<Self>, cancel: &AtomicBool) -> Result<Vec<Blob>, BakeError> {
-        let is_surface = |piece: &&Self| piece.topology == Topology::Triangles;
+        let is_surface =
+            |piece: &&Self| piece.topology == Topology::Triangles && piece.bent.is_none();
         let surfaces: Vec<Surface<'_>> =
             pieces.iter().filter(is_surface).map(Self::surface).collect();
         let levels = levels::build(&surfaces, cancel)?;
@@ -73,7 +81,10 @@ impl Piece {
         for piece in pieces {
             check(cancel)?;
             let levels = if is_surface(&&piece) { levels.next().flatten() } else { None };
-            blobs.push(piece.blob(levels, &kept));
+            blobs.push(match piece.bent {
+                Some(_) => piece.bent_blob()?,
+                None => piece.blob(levels, &kept),
+            });
         }
         Ok(blobs)
     }
@@ -118,7 +129,47 @@ impl Piece {
         }
         let (primitive, bytes) = self.lay_out(&order, fine_count, &meshlets);
         let primitive = Primitive { cuts, ..primitive };
-        Blob { bytes, primitive, levels: facts, place: self.place }
+        Blob { bytes, primitive, levels: facts, deformer: None, place: self.place }
+    }
+
+    /// Makes the bytes of what clips bend, which has no levels: the vertices at rest, and apart
+    /// from them those that are bent.
+    ///
+    /// # Errors
+    /// A vertex at rest is not finite.
+    fn bent_blob(mut self) -> Result<Blob, BakeError> {
+        let (deformer, rest) = self.bent.take().unwrap_or_default();
+        let (fine_count, count) = (self.indices.len(), deformer.vertex_count());
+        let is_surface = self.topology == Topology::Triangles;
+        let mirrored = deformer.mirrored(&rest);
+        let order = if deformer.is_flat && is_surface {
+            // Three vertices each: the triangle's own, in its own order.
+            let mut order: Vec<u32> = (0..count as u32).collect();
+            super::geometry::turn(&mut order, &mirrored, self.topology);
+            order
+        } else {
+            super::geometry::turn(&mut self.indices, &mirrored, self.topology);
+            if is_surface && !self.keeps_order {
+                vertex_cache::triangles(&mut self.indices, count);
+            }
+            vertex_cache::vertices(&mut self.indices, count)
+        };
+        let deformer = deformation::reordered(&deformer, &order);
+        deformer.apply(&rest, &mut self.vertices);
+        if let Some(at) = self.vertices.iter().position(|number| !number.is_finite()) {
+            let vertex = at / (self.layout.stride() as usize / 4);
+            let what = format!("vertex {vertex} of the mesh at rest is not finite");
+            return Err(BakeError::at(self.place, what, "smaller numbers would be right"));
+        }
+        let in_order: Vec<u32> = (0..count as u32).collect();
+        let (primitive, bytes) = self.lay_out(&in_order, fine_count, &[]);
+        let of_deformer = deformer.to_bytes();
+        let described =
+            deformation::described(&deformer, of_deformer.len() as u64, rest.joints.len());
+        let triangles = vec![if is_surface { fine_count as u64 / 3 } else { 0 }];
+        let levels = LevelFacts { triangles, errors: vec![0.0], normal_angle: 0.0 };
+        let primitive = Primitive { deformed: Some(described), ..primitive };
+        Ok(Blob { bytes, primitive, levels, deformer: Some(of_deformer), place: self.place })
     }
 
     /// Gives the bytes, and what is in them. `order` has the old number of each vertex.
@@ -167,6 +218,7 @@ impl Piece {
             max,
             cuts: Vec::new(),
             finest_level: 0,
+            deformed: None,
         };
         (primitive, bytes)
     }

@@ -1,4 +1,5 @@
-//! Poses: the shapes that skins and morph targets give meshes at rest.
+//! Poses: the shapes that skins and morph targets give meshes at rest. What clips bend has more,
+//! see `deformation`.
 //!
 //! A mesh with a skin stands where its joints are; its node's own transform says nothing (glTF
 //! 2.0, 3.7.3.3). It becomes a mesh of its own, in a frame near its joints, so that vertices stay
@@ -8,28 +9,19 @@
 //! world = frame · Σ wᵢ · (frame⁻¹ · jointᵢ · inverseBindᵢ) · (position + Σ weightₖ · deltaₖ)
 //! ```
 
-use std::collections::BTreeMap;
-
 use glam::{DAffine3, DMat3, DMat4, DVec3, DVec4};
+
+use polyptych_scene::deformation::Influence;
 
 use super::BakeJob;
 use super::accessor::Accessor;
-use super::document::{self, Mesh, Primitive};
+use super::document::{self, Primitive};
 use super::error::BakeError;
 use super::node::Tree;
 
 /// Largest difference of the last row of an inverse bind matrix from 0, 0, 0, 1: exporters write
 /// products of f32.
 const AFFINE_TOLERANCE: f64 = 1e-3;
-
-/// A mesh of the file as nodes draw it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct MeshUse {
-    /// An index into the file's meshes.
-    pub mesh: u32,
-    /// An index into [`Meshes::poses`]; `None` for a mesh that stays as it is.
-    pub pose: Option<u32>,
-}
 
 /// A shape at rest.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -42,100 +34,13 @@ pub(super) struct Pose {
     pub rigid: DAffine3,
 }
 
-/// The meshes that nodes draw, each in each of its poses.
-#[derive(Debug, Default)]
-pub(super) struct Meshes {
-    pub uses: Vec<MeshUse>,
-    pub poses: Vec<Pose>,
-    known_uses: BTreeMap<MeshUse, u32>,
-    known_poses: BTreeMap<Vec<u64>, u32>,
-}
-
-impl Meshes {
-    /// The pose of a use, if it has any effect on this primitive.
-    pub(super) fn pose(&self, of: MeshUse, primitive: &Primitive) -> Option<(u32, &Pose)> {
-        let index = of.pose?;
-        let pose = self.poses.get(index as usize)?;
-        let moves = |(target, weight): (_, &f64)| *weight != 0.0 && !BTreeMap::is_empty(target);
-        let is_morphed = primitive.targets.iter().zip(&pose.weights).any(moves);
-        (is_morphed || !pose.joints.is_empty()).then_some((index, pose))
-    }
-
-    fn add(&mut self, mesh: u32, pose: Pose) -> u32 {
-        let has_pose = !pose.joints.is_empty() || pose.weights.iter().any(|&weight| weight != 0.0);
-        let pose = has_pose.then(|| {
-            let matrices = pose.joints.iter().chain([&pose.rigid]);
-            let numbers = matrices.flat_map(DAffine3::to_cols_array);
-            let bits = numbers.chain(pose.weights.iter().copied()).map(f64::to_bits);
-            let key = std::iter::once(pose.joints.len() as u64).chain(bits).collect();
-            *self.known_poses.entry(key).or_insert_with(|| {
-                self.poses.push(pose);
-                self.poses.len() as u32 - 1
-            })
-        });
-        let used = MeshUse { mesh, pose };
-        *self.known_uses.entry(used).or_insert_with(|| {
-            self.uses.push(used);
-            self.uses.len() as u32 - 1
-        })
-    }
-
-    /// Adds the mesh of `nodes[index]`. Gives its index among the uses, and where it stands in the
-    /// world, if that is not where the node stands.
-    pub(super) fn of_node(
-        &mut self,
-        job: &mut BakeJob<'_>,
-        tree: &Tree<'_>,
-        index: u32,
-        mesh: u32,
-    ) -> Result<(u32, Option<DAffine3>), BakeError> {
-        let node = &tree.nodes[index as usize];
-        let json = job.source.document.meshes.at(mesh, &format!("nodes[{index}].mesh"))?;
-        let weights = weights(node, json);
-        let mut pose = Pose { weights, ..Pose::default() };
-        let Some(skin) = node.skin else { return Ok((self.add(mesh, pose), None)) };
-        let place = format!("nodes[{index}].skin");
-        let json_skin = job.source.document.skins.at(skin, &place)?;
-        let with_joints = json.primitives.iter().filter(|primitive| has_joints(primitive)).count();
-        if with_joints == 0 {
-            job.warn(&format!("{place}: its mesh has no JOINTS_0 and WEIGHTS_0 and is not moved"));
-            return Ok((self.add(mesh, pose), None));
-        }
-        let is_mixed = with_joints < json.primitives.len();
-        let mut bound = joints(job, tree, skin, json_skin, is_mixed)?;
-        let points: Vec<DVec3> = bound.matrices.iter().map(|matrix| matrix.translation).collect();
-        let anchor = median(&points);
-        for matrix in &mut bound.matrices {
-            matrix.translation -= anchor;
-        }
-        pose.joints = bound.matrices;
-        if is_mixed {
-            pose.rigid = tree.below(None, index)?;
-            pose.rigid.translation -= anchor;
-        }
-        let frame = bound.frame * DAffine3::from_translation(anchor);
-        Ok((self.add(mesh, pose), Some(frame)))
-    }
-}
-
-/// The weights of a node, or else of its mesh; none beyond the last that is not 0.
-fn weights(node: &document::Node, mesh: &Mesh) -> Vec<f64> {
-    let given = node.weights.as_ref().unwrap_or(&mesh.weights);
-    let count = mesh.primitives.iter().map(|primitive| primitive.targets.len()).max().unwrap_or(0);
-    let mut weights: Vec<f64> = given.iter().copied().take(count).collect();
-    while weights.last() == Some(&0.0) {
-        weights.pop();
-    }
-    weights
-}
-
-fn has_joints(primitive: &Primitive) -> bool {
+pub(super) fn has_joints(primitive: &Primitive) -> bool {
     let has = |name: &str| primitive.attributes.contains_key(name);
     has("JOINTS_0") && has("WEIGHTS_0")
 }
 
 /// The component-wise median: most joints of a skin stand near each other, whatever one does.
-fn median(points: &[DVec3]) -> DVec3 {
+pub(super) fn median(points: &[DVec3]) -> DVec3 {
     let component = |axis: usize| {
         let mut values: Vec<f64> = points.iter().map(|point| point[axis]).collect();
         values.sort_unstable_by(f64::total_cmp);
@@ -145,16 +50,20 @@ fn median(points: &[DVec3]) -> DVec3 {
 }
 
 /// A skin's joints at rest.
-struct Bound {
-    /// The world from the frame: the last node that all joints stand below, or are.
-    frame: DAffine3,
+pub(super) struct Bound {
+    /// The last node that all joints stand below, or are: the frame.
+    pub top: Option<u32>,
+    /// The world from the frame.
+    pub frame: DAffine3,
     /// The frame from the mesh, for each joint.
-    matrices: Vec<DAffine3>,
+    pub matrices: Vec<DAffine3>,
+    /// Each joint's space from the mesh's.
+    pub inverse_binds: Vec<DAffine3>,
 }
 
 /// Joint · inverse bind matrix of each joint of a skin, in the frame of their last common parent,
 /// or in the world. Below equal parents, copies of a skeleton give equal bits.
-fn joints(
+pub(super) fn joints(
     job: &BakeJob<'_>,
     tree: &Tree<'_>,
     skin: u32,
@@ -199,7 +108,7 @@ fn joints(
         }
         matrices.push(matrix);
     }
-    Ok(Bound { frame, matrices })
+    Ok(Bound { top, frame, matrices, inverse_binds })
 }
 
 /// What takes a mesh into the space of each joint; identities if the skin has none.
@@ -323,6 +232,33 @@ impl Pose {
         Ok(sums)
     }
 
+    /// Four joints of each vertex, for each set that a primitive of `count` vertices has, with
+    /// parts that make 1.
+    pub(super) fn influences(
+        &self,
+        job: &BakeJob<'_>,
+        json: &Primitive,
+        count: usize,
+        place: &str,
+    ) -> Result<Vec<Vec<Influence>>, BakeError> {
+        if self.joints.is_empty() {
+            return Ok(Vec::new());
+        }
+        let skin = self.skin(job, json, place)?;
+        let mut sets = vec![vec![Influence::default(); count]; skin.sets.len()];
+        for vertex in 0..count {
+            for (set, at, joint, part) in skin.parts(vertex)? {
+                let influence = &mut sets[set][vertex];
+                influence.joints[at] = u16::try_from(joint).map_err(|_| {
+                    let what = format!("vertex {vertex} follows joint {joint}");
+                    BakeError::at(&skin.place, what, "below 65536 would be right")
+                })?;
+                influence.weights[at] = part as f32;
+            }
+        }
+        Ok(sets)
+    }
+
     fn skin(
         &self,
         job: &BakeJob<'_>,
@@ -370,27 +306,41 @@ struct Skin<'a> {
 }
 
 impl Skin<'_> {
-    /// What moves a vertex: the mean of its joints' matrices by their weights, which are made to
-    /// sum to 1. A vertex without weights follows the first joint that it names.
+    /// What moves a vertex: the mean of its joints' matrices by their parts.
     fn matrix(&self, vertex: usize) -> Result<DAffine3, BakeError> {
-        let Some((first, _)) = self.sets.first() else { return Ok(self.pose.rigid) };
-        let used = self.sets.iter().flat_map(|(joints, weights)| {
-            let weights = weights[vertex].map(|weight| weight.max(0.0));
-            joints[vertex].into_iter().zip(weights)
-        });
-        let used = used.filter(|(_, weight)| *weight > 0.0 && weight.is_finite());
-        let (mut linear, mut translation, mut total) = (DMat3::ZERO, DVec3::ZERO, 0.0);
-        for (joint, weight) in used {
-            let (matrix, weight) = (self.joint(vertex, joint)?, f64::from(weight));
-            linear += matrix.matrix3 * weight;
-            translation += matrix.translation * weight;
-            total += weight;
+        if self.sets.is_empty() {
+            return Ok(self.pose.rigid);
         }
-        if total == 0.0 {
-            return self.joint(vertex, first[vertex][0]).copied();
+        let (mut linear, mut translation) = (DMat3::ZERO, DVec3::ZERO);
+        for (_, _, joint, part) in self.parts(vertex)? {
+            let matrix = self.joint(vertex, joint)?;
+            linear += matrix.matrix3 * part;
+            translation += matrix.translation * part;
         }
-        let share = total.recip();
-        Ok(DAffine3 { matrix3: linear * share, translation: translation * share })
+        Ok(DAffine3 { matrix3: linear, translation })
+    }
+
+    /// The joints of a vertex: set, place in it, joint and part. Parts are weights, which are made
+    /// to sum to 1. A vertex without weights follows the first joint that it names.
+    fn parts(&self, vertex: usize) -> Result<Vec<(usize, usize, u32, f64)>, BakeError> {
+        let mut parts = Vec::new();
+        let mut total = 0.0;
+        for (set, (joints, weights)) in self.sets.iter().enumerate() {
+            for (at, (joint, weight)) in joints[vertex].iter().zip(weights[vertex]).enumerate() {
+                if weight > 0.0 && weight.is_finite() {
+                    self.joint(vertex, *joint)?;
+                    parts.push((set, at, *joint, f64::from(weight)));
+                    total += f64::from(weight);
+                }
+            }
+        }
+        let Some((first, _)) = self.sets.first() else { return Ok(parts) };
+        if parts.is_empty() {
+            self.joint(vertex, first[vertex][0])?;
+            return Ok(vec![(0, 0, first[vertex][0], 1.0)]);
+        }
+        parts.iter_mut().for_each(|(.., part)| *part /= total);
+        Ok(parts)
     }
 
     fn joint(&self, vertex: usize, joint: u32) -> Result<&DAffine3, BakeError> {

@@ -7,7 +7,7 @@ use polyptych_scene::{Node, Topology};
 
 use super::accessor::Accessor;
 use super::error::BakeError;
-use super::pose::Meshes;
+use super::mesh_use::Meshes;
 use super::{BakeJob, document, topology};
 
 /// Positions that are nearer than this share of the whole scene's diagonal are one: f32 rounds

@@ -1,5 +1,6 @@
 //! Whole bakes: of scenes made in code, of broken ones, and of the assets that may lie beside.
 
+mod animation;
 mod broken;
 pub(crate) mod builder;
 mod compressed;

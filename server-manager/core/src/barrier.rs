@@ -225,8 +225,9 @@ impl Cluster {
         let time_s = self.time_of(order.as_ref(), now);
         self.follow_tour(order.as_ref(), time_s, now);
         self.follow_node(order.as_ref(), time_s, now);
-        // A picture that someone asked for is worth the longest wait. A channel that joins a wall
-        // that moves is not: it would hold up those who have warmed up long ago.
+        self.advance_clips(order.as_ref(), time_s);
+        // A picture that someone asked for is worth the longest wait; a channel that joins a wall
+        // that moves is not, as it would hold up those who have warmed up long ago.
         let (length, longest) = (self.deadline.length(), self.deadline.longest());
         let is_warming = !is_all_late && !is_warm;
         let wait = if is_warming || is_catching_up || capture { longest } else { length };
@@ -240,7 +241,6 @@ impl Cluster {
         let reduction = self.rate_bound.in_force(&self.presentation.bounds);
         self.beginnings.add(now, reduction);
         self.command(sent.clone(), Command::Frame(self.describe_frame(time_s, capture, detail)));
-        let is_ahead = !self.pipeline.is_empty();
         self.pipeline.push(Barrier {
             frame: self.frame,
             revision: self.shown.revision,
@@ -253,7 +253,7 @@ impl Cluster {
             turn: now,
             wait,
             patience,
-            is_ahead,
+            is_ahead: !self.pipeline.is_empty(),
             is_all_late,
             order,
             sent,
@@ -292,8 +292,7 @@ impl Cluster {
         all
     }
 
-    /// Scene time of the frame that begins. One that nobody has ordered shows what the last one
-    /// did.
+    /// Scene time of the frame that begins: of one that nobody has ordered, that of the last one.
     fn time_of(&mut self, order: Option<&FrameRequest>, now: Micros) -> f64 {
         if self.is_timed(order) || self.frame.0 <= 1 {
             self.time_s = order.and_then(|order| order.time_s).unwrap_or(now as f64 * 1e-6);
@@ -329,6 +328,7 @@ impl Cluster {
             presentation: self.presentation.clone(),
             capture,
             detail,
+            clips: self.clips.times(),
         }
     }
 

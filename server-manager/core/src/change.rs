@@ -14,7 +14,7 @@ use polyptych_wall::ChannelId;
 use super::calibrate;
 use super::change_queue::{ChangeOrigin, InFlightChange, StateChange};
 use super::scene_editing::EditWaiter;
-use super::{ClientRequest, Cluster, ImportedScene, Micros, SessionId};
+use super::{ClientRequest, Cluster, ImportedScene, Micros, PlayedClips, SessionId};
 
 /// How long a change waits for a server: enough for a large scene on a slow link; after this the
 /// wall goes on without its channels until they are ready.
@@ -230,6 +230,8 @@ impl Cluster {
         self.notes.clear();
         // What suited another scene may make this one black or white.
         self.presentation.exposure = summary.as_ref().map_or(1.0, |summary| summary.exposure);
+        let clips = summary.as_ref().map_or(&[][..], |summary| &summary.clips);
+        self.clips = PlayedClips::new(clips);
         self.end_motion();
         self.end_subsets();
         self.navigator.bounds = summary.as_ref().and_then(|summary| summary.bounds);

@@ -123,6 +123,8 @@ impl Cluster {
             | Request::StopTour
             | Request::DescribeTour) => return self.guide(guiding).map(Some),
             Request::FollowNode(follow) => return self.follow(job, follow),
+            Request::ChangeClips(change) => self.change_clips(&change)?,
+            Request::ListClips => return Ok(Some(Response::Clips(self.clips.statuses()))),
             Request::Stop => return Ok(self.stop(job)),
             Request::StopServers => {
                 // Answered by the event loop, which hears the goodbyes of servers.

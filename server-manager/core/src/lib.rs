@@ -11,6 +11,7 @@ mod calibrate;
 mod change;
 mod change_queue;
 mod checkpoint;
+mod clips;
 mod counters;
 mod deadline;
 mod detail;
@@ -49,7 +50,7 @@ use polyptych_protocol::command::{Command, Pong};
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId};
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::progress::OpenProgress;
-use polyptych_protocol::request::{MessageToClient, Pacing, RequestError, Response, SceneSummary};
+use polyptych_protocol::request::{MessageToClient, RequestError, Response, SceneSummary};
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::state_log::{Operation, Replica};
 use polyptych_protocol::stored_view::StoredView;
@@ -59,6 +60,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::log_limiter::LogLimiter;
 pub use checkpoint::{Checkpoint, CheckpointOf};
+pub use clips::PlayedClips;
 pub use counters::{ChannelCounters, Counters, Histogram};
 pub use follow::FollowedNode;
 pub use input::Input;
@@ -250,6 +252,8 @@ pub struct Cluster {
     tour: Option<PlayedTour>,
     #[serde(default)]
     following: Option<follow::Following>,
+    #[serde(default)]
+    clips: PlayedClips,
     pacer: Pacer,
     deadline: deadline::Deadline,
     #[serde(default)]
@@ -306,6 +310,7 @@ impl Cluster {
             stored_views: Vec::new(),
             tour: None,
             following: None,
+            clips: PlayedClips::default(),
             pacer: Pacer::default(),
             deadline: deadline::Deadline::new(wall.deadline),
             rate_bound: rate_bound::RateBound::default(),
@@ -472,15 +477,6 @@ impl Cluster {
 
     fn close(&mut self, session: SessionId, reason: String) {
         self.outputs.push_back(Effect::Close { session, reason });
-    }
-
-    fn set_pace(&mut self, pace: Option<Pacing>, now: Micros) {
-        self.is_going_on = false;
-        self.pacer.set(pace, now);
-        // The frame that a tuning waits for would have come by itself.
-        let drawing = self.pipeline.newest().map(|barrier| barrier.revision);
-        self.wants_frame |= !self.pacer.is_soon(now)
-            && (self.tuners.wait_beyond(drawing) || self.editing.wait_beyond(drawing));
     }
 }
 

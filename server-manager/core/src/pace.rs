@@ -3,7 +3,7 @@
 use polyptych_protocol::request::Pacing;
 use serde::{Deserialize, Serialize};
 
-use super::Micros;
+use super::{Cluster, Micros};
 
 /// Maximum time that a request waits for a frame of the wall's own pace. Where that is slower, the
 /// request gets a frame of its own.
@@ -57,6 +57,18 @@ impl Pacer {
         // A wall that cannot keep the rate drops beats; it does not hurry afterwards.
         self.next = if self.next + 2 * period > now { self.next + period } else { now + period };
         self.next = self.next.max(now.saturating_sub(period));
+    }
+}
+
+impl Cluster {
+    /// Lets the wall draw by itself, or not.
+    pub(super) fn set_pace(&mut self, pace: Option<Pacing>, now: Micros) {
+        self.is_going_on = false;
+        self.pacer.set(pace, now);
+        // The frame that a tuning waits for would have come by itself.
+        let drawing = self.pipeline.newest().map(|barrier| barrier.revision);
+        self.wants_frame |= !self.pacer.is_soon(now)
+            && (self.tuners.wait_beyond(drawing) || self.editing.wait_beyond(drawing));
     }
 }
 

@@ -9,7 +9,7 @@ use polyptych_scene::{Bounds, Edit, NodeId, SceneEdits};
 use polyptych_wall::{ChannelCalibration, Wall, calibration_change};
 use serde::{Deserialize, Serialize};
 
-use super::{Cluster, EditedScene, Effect, FollowedNode, Micros, PlayedTour};
+use super::{Cluster, EditedScene, Effect, FollowedNode, Micros, PlayedClips, PlayedTour};
 
 /// A camera that comes with every frame is remembered this often: it is where a client was, not
 /// what it asked to be kept.
@@ -48,6 +48,9 @@ pub struct PersistentState {
     /// The node that the camera follows.
     #[serde(default)]
     pub following: Option<FollowedNode>,
+    /// The clips of the open scene.
+    #[serde(default)]
+    pub clips: PlayedClips,
 }
 
 impl PersistentState {
@@ -67,6 +70,7 @@ impl PersistentState {
             stored_views: Vec::new(),
             tour: None,
             following: None,
+            clips: PlayedClips::default(),
         }
     }
 
@@ -81,7 +85,9 @@ impl PersistentState {
         let is_followed_alike = follow(self) == follow(other);
         let following = if is_followed_alike { &other.following } else { &self.following };
         let (tour, following) = (tour.clone(), following.clone());
-        Self { presentation, tour, following, ..self.clone() } != *other
+        let clips = if self.clips.is_same(&other.clips) { &other.clips } else { &self.clips };
+        let clips = clips.clone();
+        Self { presentation, tour, following, clips, ..self.clone() } != *other
     }
 }
 
@@ -146,6 +152,7 @@ impl Cluster {
         cluster.restore_stored_views(&memory.stored_views);
         cluster.restore_tour(memory.tour.as_ref());
         cluster.restore_following(memory.following.as_ref());
+        cluster.restore_clips(&memory.clips);
         cluster.editing.begin_at(cluster.shown.revision);
         cluster.shown_digest = cluster.shown.digest();
         cluster.set_pace(memory.pace, 0);
@@ -177,6 +184,7 @@ impl Cluster {
             stored_views: self.stored_views.clone(),
             tour: self.remembered_tour(),
             following: self.remembered_following(),
+            clips: self.remembered_clips(),
         }
     }
 

@@ -1,6 +1,7 @@
 //! Failures of a wall as short deterministic tests: the clock is the test's own.
 
 mod bounds;
+mod clips;
 mod displays;
 mod editing;
 mod failures;
@@ -26,7 +27,7 @@ use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::quality_bounds::QualityBounds;
-use polyptych_protocol::request::Request;
+use polyptych_protocol::request::{Pacing, Request};
 use polyptych_protocol::server_message::{FrameRendered, Ping, Prepared};
 use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{Bounds, SceneFeatures};
@@ -282,6 +283,7 @@ impl ClusterFixture {
             features: SceneFeatures::default(),
             notes: Vec::new(),
             exposure: 1.0,
+            clips: Vec::new(),
         };
         ImportedScene::of_file(scene, summary, Arc::default())
     }

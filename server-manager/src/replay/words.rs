@@ -92,6 +92,10 @@ pub(super) fn of_request(request: &Request) -> String {
             format!("{name} of {} {times}", counted(tour.stops.len(), "stop"))
         }
         Request::FollowNode(follow) => format!("{name}: {}", follow.node),
+        Request::ChangeClips(change) => {
+            let clip = change.clip.as_deref().map_or("all", text);
+            format!("{name}: {clip}, {:?}", change.action)
+        }
         Request::Capture { time_s: Some(time_s) } => format!("{name} at {time_s} s"),
         _ => name.to_owned(),
     }

@@ -29,6 +29,7 @@ fn triangle(store: &BlobStore, origin: DVec3) -> Primitive {
         meshlet_count: 0,
         cuts: Vec::new(),
         finest_level: 0,
+        deformed: None,
         index_format: IndexFormat::U16,
         topology: Topology::Triangles,
         material: None,

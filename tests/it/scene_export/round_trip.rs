@@ -160,6 +160,7 @@ fn primitive(random: &mut Rng, scene: &Scene, store: &BlobStore) -> Primitive {
         meshlet_count: 0,
         cuts: Vec::new(),
         finest_level: 0,
+        deformed: None,
         index_format: IndexFormat::U16,
         topology,
         material,

@@ -1,6 +1,7 @@
 //! Edits of a scene, and questions about it, as messages carry them.
 
 use glam::{DAffine3, DVec2, DVec3, Vec3};
+use polyptych_protocol::clip::{ClipStatus, ClipSummary};
 use polyptych_protocol::follow::Follow;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::node_query::{
@@ -126,6 +127,14 @@ pub fn answers_about_space() -> Vec<Result<Response, RequestError>> {
             material: Some(0),
         }))),
         Ok(Response::Layers(vec![LayerInfo { name: "plan-a".into(), nodes: 3, visible: false }])),
+        Ok(Response::Clips(vec![ClipStatus {
+            clip: ClipSummary { name: "walk".into(), duration_s: 2.5, is_played: true },
+            is_running: true,
+            is_looping: false,
+            time_s: 0.5,
+            speed: -1.0,
+            weight: 0.5,
+        }])),
         Ok(Response::Nodes(NodePage { revision: Revision(3), found: 1, nodes: vec![node()] })),
         Ok(Response::Nearest(Some(NearestPoint {
             revision: Revision(3),

@@ -5,6 +5,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3, Quat, UVec2, Vec3};
 use polyptych_codec::encode;
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
+use polyptych_protocol::clip::{ClipAction, ClipChange};
 use polyptych_protocol::command::{Command, Frame, Goodbye, Pong, Prepare, Swap};
 use polyptych_protocol::exported_scene::ExportedScene;
 use polyptych_protocol::feedback::{
@@ -34,9 +35,11 @@ use polyptych_protocol::server_message::{
 use polyptych_protocol::state_log::{Operation, SceneRef};
 use polyptych_protocol::stored_view::StoredView;
 use polyptych_protocol::tour_status::TourStatus;
+use polyptych_scene::deformation::{DeformedPrimitive, Joint, Skin};
 use polyptych_scene::{
-    AlphaMode, Attribute, Bounds, IndexFormat, Instance, LevelCut, Light, LightKind, Material,
-    Mesh, Node, NodeExtras, NodeId, Primitive, Sampler, Scene, SceneFeatures, SceneSubset, Texture,
+    AlphaMode, AnimatedNode, AnimatedPath, Animations, Attribute, Bounds, Channel, Clip, ClipTime,
+    Deformation, IndexFormat, Instance, Interpolation, LevelCut, Light, LightKind, Material, Mesh,
+    Node, NodeExtras, NodeId, Primitive, Sampler, Scene, SceneFeatures, SceneSubset, Texture,
     TextureFormat, TextureRef, Topology, VertexLayout,
 };
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Edge, Offset};
@@ -154,6 +157,7 @@ fn commands() -> Vec<Command> {
         },
         capture: true,
         detail: DetailBound { error_px: 0.5, densities: vec![2000.0, 10.0], resolution_steps: 3 },
+        clips: vec![ClipTime { clip: 1, time_s: 2.5, weight: 0.5 }],
     };
     let (base, revision) = (Some(Revision(1)), Revision(2));
     vec![
@@ -294,6 +298,8 @@ fn calls() -> Vec<RequestMessage> {
         Request::ListSavedScenes,
         Request::ListLayers,
         Request::SetBounds(QualityBounds { error_px: 0.5, rate_fps: Some(30.0) }),
+        Request::ChangeClips(ClipChange { clip: Some("walk".into()), action: clip_action() }),
+        Request::ListClips,
         Request::RemoveSavedScene { name: "evening".into() },
         Request::FollowNode(follow()),
         Request::FindWay(way()),
@@ -442,6 +448,7 @@ fn answers() -> Vec<request::MessageToClient> {
         features: SceneFeatures::from_scene(&scene()),
         notes: vec!["animations: 1 is not played".into()],
         exposure: 1.0,
+        clips: Vec::new(),
     };
     let info = ImageInfo { name: "front".into(), is_screen: true, width: 1920, height: 1080 };
     let captured = CaptureInfo {
@@ -525,6 +532,20 @@ fn bulk_downs() -> Vec<BulkToServer> {
     vec![BulkToServer::Chunk(chunk), BulkToServer::Missing { hash, reason: "lost".into() }]
 }
 
+/// The same with levels of detail, which what clips bend has not.
+fn with_levels(primitive: Primitive) -> Primitive {
+    let cut = LevelCut {
+        level: 1,
+        vertex_count: 3,
+        index_count: 3,
+        coarser_index_count: 0,
+        meshlet_count: 1,
+        error: 0.5,
+    };
+    let (coarser_index_count, meshlet_count, cuts) = (3, 2, vec![cut]);
+    Primitive { coarser_index_count, meshlet_count, cuts, deformed: None, ..primitive }
+}
+
 /// A manifest with everything in it once.
 fn scene() -> Scene {
     let layout = VertexLayout { tangent: true, uv0: true, uv1: false, color: true };
@@ -533,17 +554,18 @@ fn scene() -> Scene {
         layout,
         vertex_count: 3,
         index_count: 3,
-        coarser_index_count: 3,
-        meshlet_count: 2,
-        cuts: vec![LevelCut {
-            level: 1,
-            vertex_count: 3,
-            index_count: 3,
-            coarser_index_count: 0,
-            meshlet_count: 1,
-            error: 0.5,
-        }],
+        coarser_index_count: 0,
+        meshlet_count: 0,
+        cuts: Vec::new(),
         finest_level: 0,
+        deformed: Some(DeformedPrimitive {
+            blob: BlobHash([4; 32]),
+            bytes: 300,
+            joint_sets: 1,
+            joint_count: 2,
+            target_count: 1,
+            is_flat: false,
+        }),
         index_format: IndexFormat::U16,
         topology: Topology::Triangles,
         material: Some(0),
@@ -573,7 +595,10 @@ fn scene() -> Scene {
     Scene {
         name: "town".into(),
         nodes: vec![node(None, None, Vec::new()), node(Some(0), Some(0), vec![instance; 2])],
-        meshes: vec![Mesh { name: "mesh".into(), primitives: vec![primitive] }],
+        meshes: vec![
+            Mesh { name: "mesh".into(), primitives: vec![primitive.clone()] },
+            Mesh { name: "levels".into(), primitives: vec![with_levels(primitive)] },
+        ],
         materials: vec![material],
         textures: vec![Texture {
             blob: BlobHash([3; 32]),
@@ -593,5 +618,34 @@ fn scene() -> Scene {
             is_hidden: true,
             attributes: [("kind".to_owned(), Attribute::Text("sail".into()))].into(),
         }],
+        animations: animations(),
+        deformations: vec![deformation()],
     }
+}
+
+fn clip_action() -> ClipAction {
+    ClipAction::Play { speed: Some(-0.5), weight: Some(0.25), is_looping: Some(true) }
+}
+
+fn animations() -> Animations {
+    let channel = Channel {
+        target: 0,
+        path: AnimatedPath::Weights,
+        interpolation: Interpolation::CubicSpline,
+        times: vec![0.5],
+        values: vec![0.0, 1.0, 0.0],
+    };
+    let (rotation, scale) = (DQuat::IDENTITY, DVec3::ONE);
+    let translation = DVec3::new(1e7, 0.0, 0.0);
+    let node = AnimatedNode { node: 1, translation, rotation, scale, weights: vec![0.5] };
+    Animations {
+        clips: vec![Clip { name: "walk".into(), channels: vec![channel] }],
+        nodes: vec![node],
+    }
+}
+
+fn deformation() -> Deformation {
+    let joint = Joint { node: 1, inverse_bind: DAffine3::IDENTITY };
+    let skin = Skin { top: Some(0), joints: vec![joint; 2], rigid: None };
+    Deformation { mesh: 0, node: 1, skin: Some(skin), weights: vec![0.5], weights_of: Some(0) }
 }

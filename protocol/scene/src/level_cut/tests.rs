@@ -50,6 +50,7 @@ fn primitive() -> (Primitive, Vec<u8>) {
         max: Vec3::ONE,
         cuts: vec![cut(2, 3, 0, 1), cut(1, 6, 3, 3)],
         finest_level: 0,
+        deformed: None,
     };
     let places = [(18, 2), (12, 1), (15, 1), (9, 0), (0, 0), (3, 0), (6, 0)];
     let mut bytes: Vec<u8> = (0..primitive.vertex_bytes()).map(|at| at as u8).collect();

@@ -27,6 +27,7 @@ fn primitive(name: u8, triangles: u32, cuts: &[(u32, f32)]) -> Primitive {
         max: Vec3::ONE,
         cuts: Vec::new(),
         finest_level: 0,
+        deformed: None,
     };
     for (level, (share, error)) in (1..).zip(cuts) {
         let count = (triangles / share).max(1);

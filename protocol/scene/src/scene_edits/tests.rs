@@ -292,6 +292,7 @@ fn added_assets_stand_at_their_numbers_whatever_was_there_before() {
             meshlet_count: 0,
             cuts: Vec::new(),
             finest_level: 0,
+            deformed: None,
             index_format: IndexFormat::U16,
             topology: Topology::Triangles,
             material: Some(0),

@@ -19,6 +19,8 @@ pub(crate) struct Billboard {
     front: DVec3,
     /// An index into the billboards of the scene, below its own: one with which it turns.
     parent: Option<u32>,
+    /// An index into the scene's nodes.
+    node: u32,
 }
 
 impl Billboard {
@@ -38,9 +40,18 @@ impl Billboard {
             };
             let front = world.transform_vector3(DVec3::Z);
             of_nodes.push(Some(all.len() as u32));
-            all.push(Self { facing, pivot: world.translation, front, parent });
+            let node = of_nodes.len() as u32 - 1;
+            all.push(Self { facing, pivot: world.translation, front, parent, node });
         }
         (all, of_nodes)
+    }
+
+    /// It where its node has moved; `place_of` gives world space from a node's space, where the
+    /// node has moved.
+    pub fn moved(self, place_of: impl Fn(u32) -> Option<DAffine3>) -> Self {
+        let Some(world) = place_of(self.node) else { return self };
+        let front = world.transform_vector3(DVec3::Z);
+        Self { pivot: world.translation, front, ..self }
     }
 
     /// The turn of each of these for a view, in world space.
@@ -178,12 +189,22 @@ mod tests {
     #[test]
     fn an_eye_on_the_axis_leaves_what_is_upright_as_it_stands() {
         for (eye, front) in [(DVec3::Y, DVec3::Z), (DVec3::ZERO, DVec3::X), (DVec3::Z, DVec3::Y)] {
-            let one =
-                Billboard { facing: Facing::Upright, pivot: DVec3::ZERO, front, parent: None };
+            let one = Billboard {
+                facing: Facing::Upright,
+                pivot: DVec3::ZERO,
+                front,
+                parent: None,
+                node: 0,
+            };
             assert_eq!(one.facing_turn(front, eye), DQuat::IDENTITY, "{eye} {front}");
         }
-        let above =
-            Billboard { facing: Facing::Eye, pivot: DVec3::ZERO, front: DVec3::Z, parent: None };
+        let above = Billboard {
+            facing: Facing::Eye,
+            pivot: DVec3::ZERO,
+            front: DVec3::Z,
+            parent: None,
+            node: 0,
+        };
         let turned = above.facing_turn(DVec3::Z, DVec3::Y * 3.0) * DVec3::Z;
         assert!(turned.abs_diff_eq(DVec3::Y, 1e-12), "{turned}");
     }

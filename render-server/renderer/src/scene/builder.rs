@@ -3,8 +3,10 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use polyptych_scene::deformation::Deformer;
 use polyptych_scene::{Sampler, Scene};
 
+use super::bent_vertices::BentVertices;
 use super::geometry::{self, Geometry};
 use super::layout::SceneLayout;
 use super::meshlet::Meshlets;
@@ -171,6 +173,29 @@ impl SceneBuilder {
             }
         }
         self.geometries[slot] = Some(geometry);
+        Ok(())
+    }
+
+    /// Takes what bends a primitive whose vertices are there.
+    ///
+    /// # Errors
+    /// No such primitive, not the described number of bytes, or bytes that are not as described.
+    pub fn upload_deformer(
+        &mut self,
+        mesh: usize,
+        primitive: usize,
+        bytes: &[u8],
+    ) -> Result<(), SceneError> {
+        let what = format!("what bends primitive {primitive} of mesh {mesh}");
+        let in_mesh = self.layout.desc.meshes.get(mesh).and_then(|m| m.primitives.get(primitive));
+        let desc = in_mesh.ok_or_else(|| nowhere(&what))?;
+        let described = desc.deformed.as_ref().ok_or_else(|| nowhere(&what))?;
+        check_size(&what, bytes, described.bytes)?;
+        let deformer = Deformer::parse(desc, described, bytes)
+            .map_err(|fault| SceneError::Description(format!("{what}: {fault}")))?;
+        let slot = self.layout.geometries.of[self.layout.first_primitive[mesh] + primitive];
+        let geometry = self.geometries[slot].as_mut().ok_or(SceneError::Missing(what))?;
+        geometry.bent = Some(Arc::new(BentVertices::new(deformer)));
         Ok(())
     }
 

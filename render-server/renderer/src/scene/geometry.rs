@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use polyptych_scene::{IndexFormat, Primitive};
 
+use super::bent_vertices::BentVertices;
 use super::meshlet::Meshlets;
 use crate::gpu::Gpu;
 
@@ -23,6 +24,8 @@ pub(crate) struct Geometry {
     pub index_format: wgpu::IndexFormat,
     /// `None` where it is always drawn whole.
     pub meshlets: Option<Arc<Meshlets>>,
+    /// What bends the vertices, if clips do.
+    pub bent: Option<Arc<BentVertices>>,
 }
 
 impl Geometry {
@@ -40,11 +43,15 @@ impl Geometry {
         let indices = meshlets.as_ref().map_or(Cow::Borrowed(in_blob), |meshlets| {
             meshlets.in_draw_order(in_blob, index_width)
         });
+        let rewritten = match desc.deformed {
+            Some(_) => wgpu::BufferUsages::COPY_DST,
+            None => wgpu::BufferUsages::empty(),
+        };
         let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("geometry/buffer"),
             // An odd number of short indices ends between two multiples of 4.
             size: desc.geometry_bytes().next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT),
-            usage: wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::INDEX,
+            usage: wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::INDEX | rewritten,
             mapped_at_creation: true,
         });
         {
@@ -68,6 +75,7 @@ impl Geometry {
             index_count,
             index_format,
             meshlets: meshlets.map(Arc::new),
+            bent: None,
         })
     }
 

@@ -9,8 +9,8 @@ use std::sync::OnceLock;
 use glam::Vec3;
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::{
-    AlphaMode, Fill, IndexFormat, Material, Mesh, NodeStyle, NodeTraits, Primitive, Scene, Texture,
-    TextureFormat, Topology, VertexLayout,
+    AlphaMode, Fill, Material, Mesh, NodeStyle, NodeTraits, Primitive, Scene, Topology,
+    VertexLayout,
 };
 
 use super::billboard::Billboard;
@@ -20,7 +20,7 @@ use super::items_by_batch::ItemsByBatch;
 use super::light::{GROUND, Lights};
 use super::material::StyledMaterial;
 use super::outline::Outline;
-use super::slots::Slots;
+use super::slots::{GeometryName, Slots, TextureName, geometry_name, texture_name};
 use super::subset::{SceneTree, layer_bit};
 use super::{Batch, SceneError, material, outline};
 use crate::pipeline::{Alpha, Cull, PipelineKey};
@@ -38,6 +38,13 @@ pub enum ContentPlace {
     },
     /// A primitive of a mesh.
     Primitive {
+        /// Its index in the scene's meshes.
+        mesh: usize,
+        /// Its index in the mesh's primitives.
+        primitive: usize,
+    },
+    /// What moves the vertices of a primitive, which has its place before.
+    Deformer {
         /// Its index in the scene's meshes.
         mesh: usize,
         /// Its index in the mesh's primitives.
@@ -78,6 +85,8 @@ pub struct SceneLayout {
     /// They stand behind the default material.
     pub(super) styled: Vec<StyledMaterial>,
     pub(crate) billboards: Vec<Billboard>,
+    /// For each batch that a moving item may leave because it is turned inside out, the other.
+    pub(super) twins: HashMap<u32, u32>,
 }
 
 impl SceneLayout {
@@ -105,8 +114,7 @@ impl SceneLayout {
         }
         let first_primitive = first_primitives(&desc);
         let textures = Slots::new(desc.textures.iter().map(texture_name));
-        let primitives = desc.meshes.iter().flat_map(|mesh| &mesh.primitives);
-        let geometries = Slots::new(primitives.map(geometry_name));
+        let geometries = Slots::new(geometry_names(&desc));
         let world = draw_item::world_from_nodes(&desc.nodes);
         let mut lights = Lights::new(&desc, &world, traits);
         let (tree, places) = SceneTree::new(&desc.nodes, traits);
@@ -130,11 +138,15 @@ impl SceneLayout {
                 layer: layer_bit(traits, placement.node),
                 style: traits.styles.get(placement.node).copied().unwrap_or_default(),
             };
+            let batch = sorter.batch_of(&desc, look, &placement);
+            if traits.may_mirror && traits.is_moving(placement.node) {
+                sorter.add_twin(&desc, look, &placement, batch);
+            }
             items.push(DrawItem {
                 origin: placement.origin,
                 stance: placement.stance,
                 lamps: lights.lights_affecting(&placement.bounds)?,
-                batch: sorter.batch_of(&desc, look, &placement),
+                batch,
                 mesh_box: primitive as u32,
                 place: places[placement.node],
             });
@@ -143,7 +155,7 @@ impl SceneLayout {
         })?;
         first_items.push(items.len() as u32);
         lights.seal();
-        let Sorter { batches, keys, template, outlines, styled, .. } = sorter;
+        let Sorter { batches, keys, template, outlines, styled, twins, .. } = sorter;
         let (sky, mesh_boxes) = (desc.sky, draw_item::mesh_boxes(&desc));
         (desc.nodes, desc.lights) = (Vec::new(), Vec::new());
         Ok(Self {
@@ -168,6 +180,7 @@ impl SceneLayout {
             outlines,
             styled,
             billboards,
+            twins,
         })
     }
 }
@@ -205,11 +218,14 @@ impl SceneLayout {
         }
         for (mesh, of) in self.desc.meshes.iter().enumerate() {
             for (primitive, of) in of.primitives.iter().enumerate() {
-                let name = geometry_name(of);
+                let name = geometry_name(mesh, of);
                 let lacks_outline = outlines.contains(&name);
                 if geometries.insert(name, 0).is_none() || lacks_outline {
                     outlines.remove(&name);
                     missing.push((of.blob, ContentPlace::Primitive { mesh, primitive }));
+                    let deformed = of.deformed.map(|deformed| deformed.blob);
+                    let place = ContentPlace::Deformer { mesh, primitive };
+                    missing.extend(deformed.map(|blob| (blob, place)));
                 }
             }
         }
@@ -223,7 +239,7 @@ impl SceneLayout {
     }
 
     fn geometry_names(&self) -> impl Iterator<Item = GeometryName> {
-        self.desc.meshes.iter().flat_map(|mesh| &mesh.primitives).map(geometry_name)
+        geometry_names(&self.desc)
     }
 
     /// Returns the slot of each primitive.
@@ -246,8 +262,8 @@ impl SceneLayout {
         let textures: HashMap<_, _> =
             self.desc.textures.iter().map(|of| (texture_name(of), of.bytes())).collect();
         let primitives = self.desc.meshes.iter().flat_map(|mesh| &mesh.primitives);
-        let primitives: HashMap<_, _> =
-            primitives.map(|of| (geometry_name(of), of.geometry_bytes())).collect();
+        let bytes = primitives.map(Primitive::geometry_bytes);
+        let primitives: HashMap<_, _> = self.geometry_names().zip(bytes).collect();
         textures.values().chain(primitives.values()).sum()
     }
 
@@ -259,7 +275,7 @@ impl SceneLayout {
 
     fn outline_names(&self) -> impl Iterator<Item = (GeometryName, Fill)> {
         let primitive = |of: &Outline| &self.desc.meshes[of.mesh].primitives[of.primitive];
-        self.outlines.iter().map(move |of| (geometry_name(primitive(of)), of.fill))
+        self.outlines.iter().map(move |of| (geometry_name(of.mesh, primitive(of)), of.fill))
     }
 
     /// Returns whether its meshes, their edges, and its textures are those of another layout, slot
@@ -302,6 +318,12 @@ struct Look {
     style: NodeStyle,
 }
 
+/// Returns the name of each primitive's slot.
+fn geometry_names(desc: &Scene) -> impl Iterator<Item = GeometryName> {
+    let meshes = desc.meshes.iter().enumerate();
+    meshes.flat_map(|(mesh, of)| of.primitives.iter().map(move |one| geometry_name(mesh, one)))
+}
+
 /// Returns the index of each mesh's first primitive in the order of all primitives.
 fn first_primitives(desc: &Scene) -> Vec<usize> {
     let mut next = 0;
@@ -325,6 +347,8 @@ struct Sorter {
     geometry_count: usize,
     outlines: Vec<Outline>,
     styled: Vec<StyledMaterial>,
+    /// See [`SceneLayout::twins`].
+    twins: HashMap<u32, u32>,
 }
 
 struct Template {
@@ -355,6 +379,7 @@ impl Sorter {
             geometry_count,
             outlines: Vec::new(),
             styled: Vec::new(),
+            twins: HashMap::new(),
         }
     }
 
@@ -415,6 +440,20 @@ impl Sorter {
         index
     }
 
+    /// Makes the batch that an item of a batch is in while it is turned inside out.
+    fn add_twin(
+        &mut self,
+        desc: &Scene,
+        look: Look,
+        placement: &PrimitiveInstance<'_>,
+        batch: u32,
+    ) {
+        let turned = PrimitiveInstance { is_mirrored: !placement.is_mirrored, ..*placement };
+        let twin = self.batch_of(desc, look, &turned);
+        self.twins.insert(batch, twin);
+        self.twins.insert(twin, batch);
+    }
+
     fn batch(
         &mut self,
         (layout, topology, triangles): (VertexLayout, Topology, u64),
@@ -458,22 +497,4 @@ impl Sorter {
             self.keys.len() - 1
         }) as u32
     }
-}
-
-/// The name of a texture's slot: bytes, format, width, height and number of levels.
-type TextureName = (BlobHash, TextureFormat, [u32; 3]);
-
-/// The name of a primitive's slot: bytes, layout, and the numbers of vertices, indices, indices of
-/// coarser levels, and meshlets.
-type GeometryName = (BlobHash, VertexLayout, IndexFormat, [u32; 4]);
-
-/// Textures of one name share a slot.
-fn texture_name(t: &Texture) -> TextureName {
-    (t.blob, t.format, [t.width, t.height, t.mip_count])
-}
-
-/// Primitives of one name share a slot.
-fn geometry_name(p: &Primitive) -> GeometryName {
-    let counts = [p.vertex_count, p.index_count, p.coarser_index_count, p.meshlet_count];
-    (p.blob, p.layout, p.index_format, counts)
 }

@@ -82,6 +82,26 @@ pub(crate) struct LocalLight {
     range: Option<f64>,
 }
 
+/// A light whose node may move.
+#[derive(Clone, Debug)]
+struct MovingLight {
+    /// An index into the scene's nodes.
+    node: u32,
+    is_sun: bool,
+    /// An index into [`Lights::suns`] or [`Lights::lamps`].
+    slot: usize,
+    light: Light,
+}
+
+/// The lights of a scene at a moment.
+#[derive(Clone, Debug)]
+pub(crate) struct MovedLights {
+    /// As [`Lights::suns`].
+    pub suns: Vec<DirectionalLight>,
+    /// As [`Lights::lamps`].
+    pub lamps: Vec<LocalLight>,
+}
+
 /// The lights of a scene.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Lights {
@@ -91,6 +111,7 @@ pub(crate) struct Lights {
     pub lamps: Vec<LocalLight>,
     /// Lists of lamps; each item has a range of it.
     pub indices: Vec<u32>,
+    moving: Vec<MovingLight>,
     known: HashMap<Vec<u32>, [u32; 2]>,
 }
 
@@ -106,7 +127,16 @@ impl Lights {
             };
             let layer = layer_bit(traits, index);
             (layers, is_lit) = (layers | layer, is_lit || layer == 0);
-            lights.add(LocalLight::new(light, world_from_node, Condition::of_layer(layer)));
+            let mut lamp = LocalLight::new(light, world_from_node, Condition::of_layer(layer));
+            if traits.is_moving(index) {
+                // It may come near anything; the shader ends it where it ends.
+                lamp.range = None;
+                let is_sun = lamp.directional && lights.suns.len() < SUNS_MAX;
+                let slot = if is_sun { lights.suns.len() } else { lights.lamps.len() };
+                let (node, light) = (index as u32, light.clone());
+                lights.moving.push(MovingLight { node, is_sun, slot, light });
+            }
+            lights.add(lamp);
         }
         if !is_lit && layers == 0 {
             lights.suns.push(DEFAULT_SUN);
@@ -114,6 +144,25 @@ impl Lights {
             lights.add(LocalLight::of_sun(&DEFAULT_SUN, Condition::Without(layers)));
         }
         lights
+    }
+
+    /// The lights where some nodes have moved; `None` where all stay as they are. `place_of` gives
+    /// world space from a node's space, where the node has moved.
+    pub fn moved(&self, place_of: impl Fn(u32) -> Option<DAffine3>) -> Option<MovedLights> {
+        let (mut suns, mut lamps) = (self.suns.clone(), self.lamps.clone());
+        let mut is_moved = false;
+        for MovingLight { node, is_sun, slot, light } in &self.moving {
+            let Some(world) = place_of(*node) else { continue };
+            is_moved = true;
+            if *is_sun {
+                let sun = &mut suns[*slot];
+                sun.toward = -LocalLight::new(light, &world, sun.on).direction;
+            } else {
+                let lamp = &mut lamps[*slot];
+                *lamp = LocalLight { range: None, ..LocalLight::new(light, &world, lamp.on) };
+            }
+        }
+        is_moved.then_some(MovedLights { suns, lamps })
     }
 
     fn add(&mut self, lamp: LocalLight) {

@@ -5,23 +5,25 @@
 //! is as after a new layout, bit for bit: items keep their indices and batches, which decide every
 //! order, and the boxes of batches are those of a new layout.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 
-use glam::DAffine3;
+use glam::{DAffine3, Vec3};
 use polyptych_scene::Instance;
 
+use super::billboard::Billboard;
 use super::bvh::Bvh;
 use super::draw_item::{Bounds, DrawItem, PlacedMesh, Stance};
 use super::items_by_batch::ItemsByBatch;
 use super::layout::SceneLayout;
-use super::light::LAMP_INDICES_MAX;
+use super::light::{LAMP_INDICES_MAX, MovedLights};
 use crate::cull::FrustumPlanes;
 
 /// Inverse of the largest share of items that may be moved: beyond it a new layout costs little
 /// more, and culling looks at one tree instead of two.
 const MOVED_FRACTION: usize = 2;
 
-/// A node in another place than in the layout. Its mesh, if any, is the same.
+/// A node in another place than in the layout. Its mesh, if any, is the same, but may be bent.
 #[derive(Clone, Copy, Debug)]
 pub struct MovedNode<'a> {
     /// Its index among those of the layout's description.
@@ -48,20 +50,39 @@ pub struct MovedItems {
     batch_bounds: Vec<Bounds>,
     /// Lists of lamps, which follow those of the layout.
     lamp_indices: Vec<u32>,
+    /// `None` where no light was moved.
+    lights: Option<MovedLights>,
+    billboards: Vec<Billboard>,
 }
+
+/// The boxes of bent primitives, by the index of their mesh.
+pub(super) type BentBoxes = HashMap<u32, Vec<(Vec3, Vec3)>>;
 
 impl MovedItems {
     /// Places nodes of a layout, in the order of their indices. `None` where the scene must be laid
-    /// out anew: too much was moved, something turns towards the viewer, or an item was turned
-    /// inside out and so belongs to another batch.
+    /// out anew: too much was moved, or an item was turned inside out that no clip turns.
     pub fn new<'a>(
         layout: &SceneLayout,
         nodes: impl Iterator<Item = MovedNode<'a>>,
     ) -> Option<Self> {
-        // A billboard turns about its own origin, and so does what hangs from it.
-        if !layout.billboards.is_empty() {
-            return None;
-        }
+        let nodes: Vec<MovedNode<'a>> = nodes.collect();
+        let items_max = layout.items.len() / MOVED_FRACTION;
+        Self::with_boxes(layout, &nodes, &BentBoxes::new(), items_max)
+    }
+
+    /// Places nodes of a layout, some of which have meshes that are bent; `None` too where more
+    /// items than `items_max` are moved.
+    pub(super) fn with_boxes(
+        layout: &SceneLayout,
+        nodes: &[MovedNode<'_>],
+        boxes: &BentBoxes,
+        items_max: usize,
+    ) -> Option<Self> {
+        let place_of = |node: u32| {
+            let at = nodes.binary_search_by_key(&node, |moved| moved.node).ok()?;
+            Some(nodes[at].world_from_node)
+        };
+        let billboards = layout.billboards.iter().map(|of| of.moved(place_of)).collect();
         let mut moved = Self {
             is_moved: vec![0; layout.items.len().div_ceil(64)],
             indices: Vec::new(),
@@ -71,11 +92,13 @@ impl MovedItems {
             tree: Bvh::default(),
             batch_bounds: Vec::new(),
             lamp_indices: Vec::new(),
+            lights: layout.lights.moved(place_of),
+            billboards,
         };
         let mut known_lamps = HashMap::new();
         for node in nodes {
-            moved.add(layout, &node, &mut known_lamps)?;
-            if moved.items.len() > layout.items.len() / MOVED_FRACTION {
+            moved.add(layout, node, boxes, &mut known_lamps)?;
+            if moved.items.len() > items_max {
                 return None;
             }
         }
@@ -88,7 +111,13 @@ impl MovedItems {
             Some(slot) => moved.bounds[slot],
             None => layout.bounds[item],
         };
-        moved.batch_bounds = by_batch.moved(&layout.items, known, &moved.indices, bounds);
+        let mut batch_bounds = by_batch.moved(&layout.items, known, &moved.indices, bounds);
+        // Those that were turned inside out are counted in the batch that they left too.
+        for (item, bounds) in moved.items.iter().zip(&moved.bounds) {
+            let of_batch = &mut batch_bounds[item.batch as usize];
+            *of_batch = of_batch.union(*bounds);
+        }
+        moved.batch_bounds = batch_bounds;
         Some(moved)
     }
 
@@ -97,6 +126,7 @@ impl MovedItems {
         &mut self,
         layout: &SceneLayout,
         node: &MovedNode<'_>,
+        boxes: &BentBoxes,
         known_lamps: &mut HashMap<Vec<u32>, [u32; 2]>,
     ) -> Option<()> {
         let at = node.node as usize;
@@ -108,28 +138,37 @@ impl MovedItems {
         let starts = &layout.first_primitive;
         let mesh =
             starts.partition_point(|&start| start <= one.mesh_box as usize).checked_sub(1)?;
+        let mut primitives = Cow::Borrowed(&layout.desc.meshes[mesh].primitives);
+        if let Some(boxes) = boxes.get(&(mesh as u32)) {
+            for (primitive, (min, max)) in primitives.to_mut().iter_mut().zip(boxes) {
+                (primitive.min, primitive.max) = (*min, *max);
+            }
+        }
+        let billboard = layout.stances[one.stance as usize].billboard;
         let shape = PlacedMesh {
             node: at,
-            billboard: None,
+            billboard,
             mesh: mesh as u32,
-            primitives: &layout.desc.meshes[mesh].primitives,
+            primitives: &primitives,
             instances: node.instances,
         };
         let (mut next, mut stances) = (first, std::mem::take(&mut self.stances));
-        let placed = shape.place(&node.world_from_node, &mut stances, |placed| {
+        let placed = shape.place(&node.world_from_node, &mut stances, |mut placed| {
+            placed.bounds = Billboard::bounds(&self.billboards, billboard, placed.bounds);
             let index = next;
             next += 1;
             let known = layout.items.get(index as usize).filter(|_| index < end).ok_or(())?;
-            if layout.stances[known.stance as usize].is_mirrored() != placed.is_mirrored {
-                return Err(());
-            }
+            let is_turned =
+                layout.stances[known.stance as usize].is_mirrored() != placed.is_mirrored;
+            let twin = || layout.twins.get(&known.batch).copied().ok_or(());
+            let batch = if is_turned { twin()? } else { known.batch };
             let lamps = self.lamps(layout, known, &placed.bounds, known_lamps).ok_or(())?;
             let (origin, stance) = (placed.origin, placed.stance);
-            self.items.push(DrawItem { origin, stance, lamps, ..known.clone() });
+            self.items.push(DrawItem { origin, stance, lamps, batch, ..known.clone() });
             self.bounds.push(placed.bounds);
             self.is_moved[index as usize / 64] |= 1 << (index % 64);
             self.indices.push(index);
-            Ok(())
+            Ok::<_, ()>(())
         });
         self.stances = stances;
         placed.ok().filter(|()| next == end)
@@ -195,6 +234,16 @@ impl MovedItems {
         for slot in &mut found[from..] {
             *slot = self.indices[*slot as usize];
         }
+    }
+
+    /// The lights as they shine now, if one was moved.
+    pub(super) fn lights(&self) -> Option<&MovedLights> {
+        self.lights.as_ref()
+    }
+
+    /// The nodes that turn towards the viewer, as they stand now.
+    pub(super) fn billboards(&self) -> &[Billboard] {
+        &self.billboards
     }
 
     /// Lists of lamps, which follow those of the layout.

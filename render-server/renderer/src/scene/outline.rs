@@ -68,6 +68,7 @@ mod tests {
             meshlet_count: 0,
             cuts: Vec::new(),
             finest_level: 0,
+            deformed: None,
             index_format,
             topology: Topology::Triangles,
             material: None,

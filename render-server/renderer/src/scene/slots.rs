@@ -2,6 +2,9 @@
 
 use std::collections::HashMap;
 
+use polyptych_files::blob::BlobHash;
+use polyptych_scene::{IndexFormat, Primitive, Texture, TextureFormat, VertexLayout};
+
 /// The slots of described things; equal ones share one.
 #[derive(Debug)]
 pub(super) struct Slots {
@@ -40,4 +43,22 @@ impl Slots {
     pub fn first_missing<T>(&self, filled: &[Option<T>]) -> Option<usize> {
         self.of.iter().position(|&slot| filled[slot].is_none())
     }
+}
+
+/// The name of a texture's slot: bytes, format, width, height and number of levels.
+pub(super) type TextureName = (BlobHash, TextureFormat, [u32; 3]);
+
+/// The name of a primitive's slot: bytes, layout, and the numbers of vertices, indices, indices of
+/// coarser levels, and meshlets; where clips bend it, its mesh too, which has vertices of its own.
+pub(super) type GeometryName = (BlobHash, VertexLayout, IndexFormat, [u32; 4], Option<usize>);
+
+/// Textures of one name share a slot.
+pub(super) fn texture_name(t: &Texture) -> TextureName {
+    (t.blob, t.format, [t.width, t.height, t.mip_count])
+}
+
+/// Primitives of a mesh. Those of one name share a slot.
+pub(super) fn geometry_name(mesh: usize, p: &Primitive) -> GeometryName {
+    let counts = [p.vertex_count, p.index_count, p.coarser_index_count, p.meshlet_count];
+    (p.blob, p.layout, p.index_format, counts, p.deformed.map(|_| mesh))
 }

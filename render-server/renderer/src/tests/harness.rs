@@ -138,6 +138,7 @@ impl MeshFixture {
             meshlet_count: self.meshlets.len() as u32,
             cuts: Vec::new(),
             finest_level: self.finest_level,
+            deformed: None,
             index_format: IndexFormat::U32,
             topology: Topology::Triangles,
             material,

@@ -131,6 +131,7 @@ fn drawn(wall: &Wall, scene: &SceneFixture, views: &[View], steps: &[u8]) -> Vec
         plans: Arc::new(plans),
         maps,
         shapes: Arc::default(),
+        motion: None,
     });
     thread.finish(Arc::clone(&state)).expect("finished");
     let scene = Rc::new(scene.build());
@@ -148,6 +149,7 @@ fn drawn(wall: &Wall, scene: &SceneFixture, views: &[View], steps: &[u8]) -> Vec
             presentation: presentation.clone(),
             capture: false,
             detail: DetailBound { resolution_steps, ..DetailBound::default() },
+            clips: Vec::new(),
         };
         thread.draw(&frame);
         for _ in &names {

@@ -16,6 +16,7 @@ use polyptych_wall::warp::{
     WARP_REACH_M_MAX, WarpGeometry, WarpMap,
 };
 
+use super::super::animation::ClipTargets;
 use super::super::error::BakeError;
 use super::super::pose::{Pose, Vertices};
 use super::super::source::GltfSource;
@@ -31,7 +32,7 @@ pub(super) fn read(
     let source = GltfSource::open(path, cancel)?;
     let mut progress = |_| {};
     let mut job = BakeJob::new(&source, blobs, &mut progress, cancel);
-    let node::Placed { nodes, meshes, .. } = node::read(&mut job)?;
+    let node::Placed { nodes, meshes, .. } = node::read(&mut job, &ClipTargets::default())?;
     let scene = Scene { nodes, ..Scene::default() };
     let mut mesh = ImportedMesh { vertices: Vec::new(), triangles: Vec::new() };
     let mut origins = Vec::new();

@@ -285,6 +285,7 @@ impl Simulation {
             features: SceneFeatures::default(),
             notes: Vec::new(),
             exposure: 1.0,
+            clips: Vec::new(),
         };
         let scene = ImportedScene::of_file(SceneRef { name, manifest }, summary, outline());
         let imported = if is_good { Ok(scene) } else { Err("not glTF".to_owned()) };

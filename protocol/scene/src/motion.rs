@@ -1,0 +1,310 @@
+//! What clips move in a scene as it stands: nodes, and the vertices of meshes.
+//!
+//! A node that was edited moves from where it was put: `edited · rest⁻¹ · animated`. Joints hang
+//! from each other as in the scene's file.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+
+use crate::Scene;
+use crate::animation::{AnimatedPath, ClipTime, NodePose};
+use crate::deformation::{Deformation, Shape, Skin};
+use crate::edit::NodeId;
+use crate::placed_nodes::{MovedPlace, PlacedNodes};
+use crate::scene_edits::SceneEdits;
+
+/// The moving parts of a scene with the edits of a moment.
+#[derive(Debug)]
+pub struct Motion {
+    base: Arc<Scene>,
+    /// Nodes that stand elsewhere than they were placed, without any clip; rising.
+    elsewhere: Vec<MovedPlace>,
+    /// Nodes that may move, parents before their children, which is rising too.
+    movers: Vec<Mover>,
+    /// Of each of the scene's deformations.
+    skeletons: Vec<Option<Skeleton>>,
+}
+
+/// A node that may move.
+#[derive(Clone, Copy, Debug)]
+struct Mover {
+    /// Its index among the placed nodes.
+    index: u32,
+    node: NodeId,
+    above: Above,
+    local: DAffine3,
+    moves: Moves,
+}
+
+/// What a node hangs from.
+#[derive(Clone, Copy, Debug)]
+enum Above {
+    /// A space that stands still.
+    Still(DAffine3),
+    /// An index into the movers.
+    Mover(usize),
+}
+
+/// The way in which a node's own transform changes.
+#[derive(Clone, Copy, Debug)]
+enum Moves {
+    /// Not at all.
+    Never,
+    /// As an animated node does, by its index; as seen from where it was put.
+    Animated(usize, Option<DAffine3>),
+    /// As the joints of a deformation do, by its index.
+    Joints(usize),
+}
+
+/// The nodes of a skin, from its top down.
+#[derive(Debug)]
+struct Skeleton {
+    /// Parents before their children.
+    bones: Vec<Bone>,
+    /// The bone of each joint; `None` for the top itself.
+    joints: Vec<Option<usize>>,
+    rigid: Option<usize>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Bone {
+    parent: Option<usize>,
+    local: DAffine3,
+    moves: Moves,
+}
+
+/// A moment of a scene that moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Moment {
+    /// World space from the nodes that stand elsewhere than they were placed, in the order of their
+    /// indices among the placed nodes.
+    pub places: Vec<(u32, NodeId, DAffine3)>,
+    /// The shape of each of the scene's deformations.
+    pub shapes: Vec<Shape>,
+}
+
+/// Returns the edited transform of an animated node, seen from that at rest.
+fn edited_from_rest(rest: DAffine3, edited: DAffine3) -> Option<DAffine3> {
+    if edited == rest {
+        return None;
+    }
+    let change = edited * rest.inverse();
+    // One that was flat at rest cannot be told from where it was: it moves as in its file.
+    change.is_finite().then_some(change)
+}
+
+impl Moves {
+    /// The transform of a node now.
+    fn local(self, still: DAffine3, poses: &[NodePose], anchors: &[DVec3]) -> DAffine3 {
+        match self {
+            Self::Never => still,
+            Self::Animated(at, change) => match (&poses[at], change) {
+                (pose, _) if !pose.is_moved => still,
+                (pose, None) => pose.local(),
+                (pose, Some(change)) => change * pose.local(),
+            },
+            Self::Joints(at) => DAffine3::from_translation(anchors[at]),
+        }
+    }
+}
+
+impl Motion {
+    /// The moving parts of a scene of which `placed` has the nodes, with edits that differ from
+    /// those it was placed with in places only. `None` where nothing ever moves by itself.
+    pub fn new(base: &Arc<Scene>, placed: &PlacedNodes, edits: &SceneEdits) -> Option<Self> {
+        if base.animations.nodes.is_empty() && base.deformations.is_empty() {
+            return None;
+        }
+        let elsewhere = placed.moved(base, edits).unwrap_or_default();
+        let mut motion =
+            Self { base: Arc::clone(base), elsewhere, movers: Vec::new(), skeletons: Vec::new() };
+        let mut tops: BTreeMap<u32, Moves> = BTreeMap::new();
+        for (at, of) in base.animations.nodes.iter().enumerate() {
+            if let Some(index) = placed.index_of(NodeId(of.node.into())) {
+                tops.insert(index, motion.animated(edits, at));
+            }
+        }
+        for (at, of) in base.deformations.iter().enumerate() {
+            let place = placed.index_of(NodeId(of.node.into())).filter(|_| of.skin.is_some());
+            motion.skeletons.push(of.skin.as_ref().map(|skin| motion.skeleton(edits, skin)));
+            if let Some(index) = place {
+                tops.insert(index, Moves::Joints(at));
+            }
+        }
+        motion.add_movers(placed, edits, &tops);
+        Some(motion)
+    }
+
+    fn animated(&self, edits: &SceneEdits, at: usize) -> Moves {
+        let node = self.base.animations.nodes[at].node;
+        let rest = self.base.nodes[node as usize].local;
+        let edited = edits.local_of(&self.base, NodeId(node.into())).unwrap_or(rest);
+        Moves::Animated(at, edited_from_rest(rest, edited))
+    }
+
+    /// Adds the nodes that clips move, and all that hangs from them.
+    fn add_movers(
+        &mut self,
+        placed: &PlacedNodes,
+        edits: &SceneEdits,
+        tops: &BTreeMap<u32, Moves>,
+    ) {
+        let mut all: BTreeMap<u32, Moves> = BTreeMap::new();
+        let mut open: Vec<u32> = tops.keys().copied().collect();
+        while let Some(index) = open.pop() {
+            let moves = tops.get(&index).copied().unwrap_or(Moves::Never);
+            if all.insert(index, moves).is_none() {
+                open.extend(placed.children(index));
+            }
+        }
+        let mut mover_of: BTreeMap<u32, usize> = BTreeMap::new();
+        for (index, moves) in all {
+            let node = placed.id(index);
+            let still = edits.local_of(&self.base, node).unwrap_or_default();
+            let parent = placed.parent(index);
+            let above = match parent.and_then(|parent| mover_of.get(&parent)) {
+                Some(mover) => Above::Mover(*mover),
+                None => Above::Still(
+                    parent
+                        .and_then(|of| placed.world_of(&self.base, edits, of))
+                        .unwrap_or_default(),
+                ),
+            };
+            mover_of.insert(index, self.movers.len());
+            self.movers.push(Mover { index, node, above, local: still, moves });
+        }
+    }
+
+    fn skeleton(&self, edits: &SceneEdits, skin: &Skin) -> Skeleton {
+        let mut skeleton = Skeleton { bones: Vec::new(), joints: Vec::new(), rigid: None };
+        let mut known: BTreeMap<u32, usize> = BTreeMap::new();
+        for joint in &skin.joints {
+            let bone = self.bone(edits, (skin.top, joint.node), &mut skeleton.bones, &mut known);
+            skeleton.joints.push(bone);
+        }
+        let rigid = skin.rigid;
+        skeleton.rigid = rigid
+            .and_then(|node| self.bone(edits, (skin.top, node), &mut skeleton.bones, &mut known));
+        skeleton
+    }
+
+    /// Returns the bone of a node below a skin's top, and adds those between the two.
+    fn bone(
+        &self,
+        edits: &SceneEdits,
+        (top, node): (Option<u32>, u32),
+        bones: &mut Vec<Bone>,
+        known: &mut BTreeMap<u32, usize>,
+    ) -> Option<usize> {
+        let mut way = Vec::new();
+        let mut next = Some(node).filter(|_| Some(node) != top);
+        while let Some(node) = next.filter(|node| !known.contains_key(node)) {
+            way.push(node);
+            next = self.base.nodes[node as usize].parent.filter(|parent| Some(*parent) != top);
+        }
+        let mut parent = next.and_then(|node| known.get(&node).copied());
+        for node in way.into_iter().rev() {
+            let of_file = self.base.nodes[node as usize].local;
+            let local = edits.local_of(&self.base, NodeId(node.into())).unwrap_or(of_file);
+            let animated = &self.base.animations.nodes;
+            let at = animated.binary_search_by_key(&node, |of| of.node);
+            let moves = at.map_or(Moves::Never, |at| self.animated(edits, at));
+            bones.push(Bone { parent, local, moves });
+            parent = Some(bones.len() - 1);
+            known.insert(node, bones.len() - 1);
+        }
+        parent
+    }
+
+    /// Returns whether a clip may turn something inside out.
+    pub fn may_mirror(&self) -> bool {
+        let mut channels = self.base.animations.clips.iter().flat_map(|clip| &clip.channels);
+        channels.any(|channel| {
+            let is_scale = channel.path == AnimatedPath::Scale;
+            is_scale && channel.values.iter().any(|value| *value < 0.0)
+        })
+    }
+
+    /// Returns whether these clips move anything, or a skeleton was edited.
+    pub fn is_moved_by(&self, clips: &[ClipTime]) -> bool {
+        !self.base.deformations.is_empty() || clips.iter().any(|clip| clip.weight > 0.0)
+    }
+
+    /// The scene's deformations, in the order of [`Moment::shapes`].
+    pub fn deformations(&self) -> &[Deformation] {
+        &self.base.deformations
+    }
+
+    /// The nodes of the scene's file.
+    pub fn base(&self) -> &Scene {
+        &self.base
+    }
+
+    /// The indices of the nodes that may move among the placed nodes, rising.
+    pub fn movers(&self) -> impl Iterator<Item = u32> + '_ {
+        self.movers.iter().map(|mover| mover.index)
+    }
+
+    /// All that these clips move, as they move it.
+    pub fn at(&self, clips: &[ClipTime]) -> Moment {
+        let poses = self.base.animations.pose(clips);
+        let shapes = self.base.deformations.iter().zip(&self.skeletons);
+        let (shapes, anchors): (Vec<Shape>, Vec<DVec3>) =
+            shapes.map(|(of, skeleton)| shape(of, skeleton.as_ref(), &poses)).unzip();
+        let mut worlds: Vec<DAffine3> = Vec::with_capacity(self.movers.len());
+        let mut places = BTreeMap::new();
+        places.extend(self.elsewhere.iter().map(|of| (of.index, (of.node, of.world))));
+        for mover in &self.movers {
+            let local = mover.moves.local(mover.local, &poses, &anchors);
+            let world = match mover.above {
+                Above::Still(world) => world * local,
+                Above::Mover(above) => worlds[above] * local,
+            };
+            worlds.push(world);
+            places.insert(mover.index, (mover.node, world));
+        }
+        let places = places.into_iter().map(|(index, (node, world))| (index, node, world));
+        Moment { places: places.collect(), shapes }
+    }
+}
+
+/// The shape of a deformation, and the place of the node that draws it below the skin's top: near
+/// the joints, so that vertices stay small numbers wherever they go.
+fn shape(of: &Deformation, skeleton: Option<&Skeleton>, poses: &[NodePose]) -> (Shape, DVec3) {
+    let animated = of.weights_of.and_then(|at| poses.get(at as usize));
+    let weights = animated.map_or_else(|| of.weights.clone(), |pose| pose.weights.clone());
+    let (Some(skin), Some(skeleton)) = (&of.skin, skeleton) else {
+        return (Shape { joints: Vec::new(), rigid: DAffine3::IDENTITY, weights }, DVec3::ZERO);
+    };
+    let mut worlds: Vec<DAffine3> = Vec::with_capacity(skeleton.bones.len());
+    for bone in &skeleton.bones {
+        let local = bone.moves.local(bone.local, poses, &[]);
+        worlds.push(bone.parent.map_or(local, |parent| worlds[parent] * local));
+    }
+    let world = |bone: &Option<usize>| bone.map_or(DAffine3::IDENTITY, |bone| worlds[bone]);
+    let joints = skeleton.joints.iter().zip(&skin.joints);
+    let mut joints: Vec<DAffine3> =
+        joints.map(|(bone, joint)| world(bone) * joint.inverse_bind).collect();
+    let anchor = median(joints.iter().map(|matrix| matrix.translation));
+    for matrix in &mut joints {
+        matrix.translation -= anchor;
+    }
+    let mut rigid = world(&skeleton.rigid);
+    rigid.translation -= anchor;
+    (Shape { joints, rigid, weights }, anchor)
+}
+
+/// The component-wise median: most joints of a skin stand near each other, whatever one does.
+fn median(points: impl Iterator<Item = DVec3> + Clone) -> DVec3 {
+    let component = |axis: usize| {
+        let mut values: Vec<f64> = points.clone().map(|point| point[axis]).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        values.get(values.len() / 2).copied().filter(|value| value.is_finite()).unwrap_or(0.0)
+    };
+    DVec3::new(component(0), component(1), component(2))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,53 @@
+//! A scene at a moment: its nodes, lights and vertices where clips have moved them.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use polyptych_scene::deformation::Shape;
+use rayon::prelude::*;
+
+use super::moved_items::{BentBoxes, MovedItems, MovedNode};
+use super::{GpuScene, SceneError};
+use crate::gpu::Gpu;
+
+impl GpuScene {
+    /// Returns the scene with nodes in other places, in the order of their indices, and meshes, by
+    /// their indices, in other shapes. Vertices are shared: of several scenes that this made, only
+    /// the last one can be drawn.
+    ///
+    /// # Errors
+    /// A node was turned inside out of which that was not known when the scene was laid out.
+    pub fn at_moment(
+        &self,
+        gpu: &Gpu,
+        nodes: &[MovedNode<'_>],
+        shapes: &[(u32, &Shape)],
+    ) -> Result<Self, SceneError> {
+        let boxes: BentBoxes =
+            shapes.par_iter().map(|(mesh, shape)| (*mesh, self.bend(gpu, *mesh, shape))).collect();
+        let layout = &self.layout;
+        let moved = MovedItems::with_boxes(layout, nodes, &boxes, usize::MAX);
+        let inside_out = || {
+            let reason = "a node was turned inside out by more than its clips";
+            SceneError::Description(reason.to_owned())
+        };
+        let moved = moved.ok_or_else(inside_out)?;
+        self.with_layout(gpu, Arc::clone(layout), Some(Arc::new(moved)))
+    }
+
+    /// Bends a mesh; gives the boxes around its primitives.
+    fn bend(&self, gpu: &Gpu, mesh: u32, shape: &Shape) -> Vec<(Vec3, Vec3)> {
+        let Some(primitives) = self.layout.desc.meshes.get(mesh as usize) else {
+            return Vec::new();
+        };
+        let first = self.layout.first_primitive[mesh as usize];
+        let primitives: Vec<_> = primitives.primitives.iter().zip(first..).collect();
+        let bend = |(primitive, at): (&polyptych_scene::Primitive, usize)| {
+            let geometry = &self.geometries[self.layout.geometries.of[at]];
+            let still = (primitive.min, primitive.max);
+            let bent = geometry.bent.as_ref();
+            bent.map_or(still, |bent| bent.bend(gpu, &geometry.vertices, shape))
+        };
+        primitives.into_par_iter().map(bend).collect()
+    }
+}
