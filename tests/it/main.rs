@@ -39,6 +39,7 @@
 //! - `displays`: names, black, frozen pictures, a lost manager; how far displays are apart
 //! - `tuning`: test patterns and adjustments of the running wall, which are kept and saved
 //! - `tours`: the camera moves by itself, and films of it lose no frame
+//! - `animations`: what moves is the same on all displays at every time, and is played by request
 //! - `scene_export`: scenes leave a wall as files, and come back as they were
 //! - `layers`: layers, switches and views with a part of the scene of their own
 //! - `styles`: wireframes, highlights, what turns towards the viewer, and labels
@@ -47,6 +48,7 @@
 //! - `report`: what a simulated wall writes, also where it ends early or is late
 //! - `bench_report`: speed against error of scenes, as a page and as JSON
 
+mod animations;
 mod assets;
 mod back_pressure;
 mod beginnings;

@@ -9,19 +9,18 @@ use crate::harness::scenes::Gltf;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
 
-/// A triangle with an animation that is not played and an extension whose name would move a
-/// cursor.
+/// A triangle with a camera that is not used and an extension whose name would move a cursor.
 fn scene() -> Gltf {
     Gltf::triangle().with(|file| {
         file.json["extensionsUsed"] = json!(["ACME_shimmer\u{1b}[2J"]);
-        file.json["animations"] = json!([{ "channels": [], "samplers": [] }]);
+        file.json["cameras"] = json!([{ "type": "perspective" }]);
     })
 }
 
 /// That these lines say both things that are not drawn, and move no cursor.
 #[track_caller]
 fn check_notes(notes: &[String]) {
-    for part in ["animation", "ACME_shimmer\\u{1b}[2J"] {
+    for part in ["camera", "ACME_shimmer\\u{1b}[2J"] {
         assert!(notes.iter().any(|note| note.contains(part)), "{part}: {notes:?}");
     }
     assert!(!notes.iter().any(|note| note.contains('\u{1b}')), "{notes:?}");
@@ -49,7 +48,7 @@ fn notes_reach_open_status_log_and_client_and_outlive_a_manager() {
         check_notes(&client.open_scene("shimmer.glb").expect("opened").notes);
     }
     check_notes(&client.status().expect("a status").notes);
-    local.manager.await_line(&["WARN", "animation"]);
+    local.manager.await_line(&["WARN", "camera"]);
     check_notes(&noted(&local.run(&["open", "shimmer.glb"]).output));
     local.manager.kill();
     let LocalWall { place, address, .. } = local;

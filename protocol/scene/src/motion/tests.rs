@@ -1,0 +1,124 @@
+use super::*;
+use crate::animation::{AnimatedNode, Animations, Channel, Clip, Interpolation};
+use crate::deformation::Joint;
+use crate::{Edit, Node};
+use glam::DQuat;
+
+/// A hand that hangs from an arm, which hangs from a body, and a house beside them. The clip lifts
+/// the arm by 1 m in a second.
+fn scene() -> Arc<Scene> {
+    let node = |parent, x: f64| {
+        let local = DAffine3::from_translation(DVec3::new(x, 0.0, 0.0));
+        Node { parent, local, ..Node::default() }
+    };
+    let nodes = vec![node(None, 10.0), node(Some(0), 2.0), node(Some(1), 1.0), node(None, -5.0)];
+    let translation = DVec3::new(2.0, 0.0, 0.0);
+    let rest = AnimatedNode {
+        node: 1,
+        translation,
+        rotation: DQuat::IDENTITY,
+        scale: DVec3::ONE,
+        weights: Vec::new(),
+    };
+    let lift = Channel {
+        target: 0,
+        path: AnimatedPath::Translation,
+        interpolation: Interpolation::Linear,
+        times: vec![0.0, 1.0],
+        values: vec![2.0, 0.0, 0.0, 2.0, 1.0, 0.0],
+    };
+    let clip = Clip { name: "lift".into(), channels: vec![lift] };
+    let animations = Animations { clips: vec![clip], nodes: vec![rest] };
+    Arc::new(Scene { nodes, animations, ..Scene::default() })
+}
+
+fn motion(base: &Arc<Scene>, edits: &SceneEdits) -> Motion {
+    let (placed, ids) = edits.apply_to(base, &Default::default());
+    Motion::new(base, &PlacedNodes::new(&placed.nodes, ids, edits.clone()), edits).expect("moves")
+}
+
+/// Where nodes stand half a second into the clip, by their indices among those that are placed.
+fn places(motion: &Motion) -> Vec<(u32, DVec3)> {
+    let clip = ClipTime { clip: 0, time_s: 0.5, weight: 1.0 };
+    let places = motion.at(&[clip]).places;
+    places.into_iter().map(|(index, _, world)| (index, world.translation)).collect()
+}
+
+fn edited(edits: impl IntoIterator<Item = Edit>) -> SceneEdits {
+    let mut all = SceneEdits::default();
+    edits.into_iter().for_each(|edit| all.apply(edit));
+    all
+}
+
+fn moved(node: u64, x: f64) -> Edit {
+    let local = DAffine3::from_translation(DVec3::new(x, 0.0, 0.0));
+    Edit::SetTransform { node: NodeId(node), local }
+}
+
+#[test]
+fn what_hangs_from_an_animated_node_goes_with_it_and_nothing_else_does() {
+    let motion = motion(&scene(), &SceneEdits::default());
+    assert_eq!(places(&motion), [(1, DVec3::new(12.0, 0.5, 0.0)), (2, DVec3::new(13.0, 0.5, 0.0))]);
+    assert_eq!(motion.movers().collect::<Vec<_>>(), [1, 2]);
+    assert!(!motion.may_mirror());
+}
+
+#[test]
+fn a_node_that_was_put_elsewhere_moves_from_there() {
+    let base = scene();
+    let edits = edited([moved(1, 7.0)]);
+    assert_eq!(places(&motion(&base, &edits))[0], (1, DVec3::new(17.0, 0.5, 0.0)));
+    // Placed without the edit: what was edited stands elsewhere, and clips move it from there.
+    let (placed, ids) = SceneEdits::default().apply_to(&base, &Default::default());
+    let placed = PlacedNodes::new(&placed.nodes, ids, SceneEdits::default());
+    let edits = edited([moved(0, 20.0), moved(3, -6.0)]);
+    let motion = Motion::new(&base, &placed, &edits).expect("moves");
+    let wanted = [(0, 20.0, 0.0), (1, 22.0, 0.5), (2, 23.0, 0.5), (3, -6.0, 0.0)];
+    assert_eq!(places(&motion), wanted.map(|(at, x, y)| (at, DVec3::new(x, y, 0.0))));
+}
+
+#[test]
+fn a_scene_without_clips_and_skins_has_no_motion() {
+    let base = Arc::new(Scene { animations: Animations::default(), ..(*scene()).clone() });
+    let placed = PlacedNodes::new(&base.nodes, (0..4).map(NodeId).collect(), SceneEdits::default());
+    assert!(Motion::new(&base, &placed, &SceneEdits::default()).is_none());
+}
+
+#[test]
+fn joints_are_added_up_below_the_top_near_where_they_are() {
+    let mut base = (*scene()).clone();
+    // The mesh of the hand and the arm hangs from the body.
+    base.nodes.push(Node { parent: Some(0), ..Node::default() });
+    let joint = |node, x: f64| Joint {
+        node,
+        inverse_bind: DAffine3::from_translation(DVec3::new(-x, 0.0, 0.0)),
+    };
+    let skin = Skin { top: Some(0), joints: vec![joint(1, 2.0), joint(2, 3.0)], rigid: None };
+    base.deformations.push(Deformation {
+        mesh: 0,
+        node: 4,
+        skin: Some(skin),
+        weights: Vec::new(),
+        weights_of: None,
+    });
+    let base = Arc::new(base);
+    for edits in [SceneEdits::default(), edited([moved(0, 1e7)])] {
+        let motion = motion(&base, &edits);
+        let moment = motion.at(&[ClipTime { clip: 0, time_s: 0.5, weight: 1.0 }]);
+        let mesh = moment.places.iter().find(|(index, ..)| *index == 4).expect("it is drawn").2;
+        let shape = &moment.shapes[0];
+        let body = motion.base().nodes[0].local.translation.x;
+        let body = edits.local_of(&base, NodeId(0)).map_or(body, |local| local.translation.x);
+        for (joint, x) in shape.joints.iter().zip([2.0, 3.0]) {
+            let bound = joint.transform_point3(DVec3::new(x, 0.0, 0.0));
+            assert!(bound.length() < 4.0, "a small number, wherever the body stands: {bound}");
+            let world = mesh.transform_point3(bound);
+            assert_eq!(world, DVec3::new(body + x, 0.5, 0.0));
+        }
+    }
+    // The edited joint moves what follows it, without any clip.
+    let posed = motion(&base, &edited([moved(2, 5.0)])).at(&[]);
+    let mesh = posed.places.iter().find(|(index, ..)| *index == 4).expect("it is drawn").2;
+    let tip = posed.shapes[0].joints[1].transform_point3(DVec3::new(3.0, 0.0, 0.0));
+    assert_eq!(mesh.transform_point3(tip), DVec3::new(17.0, 0.0, 0.0));
+}

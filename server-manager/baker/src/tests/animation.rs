@@ -1,0 +1,273 @@
+//! Clips: what moves is at every time where a reference in f64 has it, and what is broken is noted.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DQuat, DVec3};
+use polyptych_scene::deformation::Deformer;
+use polyptych_scene::{ClipTime, Motion, NodeId, PlacedNodes, Scene, SceneEdits};
+use serde_json::{Value, json};
+
+use super::builder::Builder;
+use super::{BakeFixture, bake_builder};
+
+/// World positions of all vertices that meshes without instances draw at a time of a clip.
+fn drawn_at(place: &BakeFixture, scene: &Scene, clip: u32, time_s: f64) -> Vec<DVec3> {
+    let base = Arc::new(scene.clone());
+    let ids = (0..scene.nodes.len() as u64).map(NodeId).collect();
+    let placed = PlacedNodes::new(&scene.nodes, ids, SceneEdits::default());
+    let motion = Motion::new(&base, &placed, &SceneEdits::default()).expect("it moves");
+    let moment = motion.at(&[ClipTime { clip, time_s, weight: 1.0 }]);
+    let mut world = scene.world_from_nodes();
+    for (index, _, moved) in &moment.places {
+        world[*index as usize] = *moved;
+    }
+    let mut points = Vec::new();
+    for (node, world) in scene.nodes.iter().zip(world) {
+        let Some(mesh) = node.mesh else { continue };
+        let deformation = scene.deformations.iter().position(|of| of.mesh == mesh);
+        for primitive in &scene.meshes[mesh as usize].primitives {
+            let read = |blob| place.store.blobs().read(blob).expect("read").expect("there");
+            let floats = match (&primitive.deformed, deformation) {
+                (Some(described), Some(at)) => {
+                    let bytes = read(described.blob);
+                    let deformer = Deformer::parse(primitive, described, &bytes).expect("sound");
+                    let mut floats = Vec::new();
+                    deformer.apply(&moment.shapes[at], &mut floats);
+                    floats
+                }
+                _ => {
+                    let bytes = read(primitive.blob);
+                    let bytes = &bytes[..primitive.vertex_bytes() as usize];
+                    bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
+                }
+            };
+            for row in floats.chunks_exact(primitive.layout.stride() as usize / 4) {
+                let local = DVec3::new(row[0].into(), row[1].into(), row[2].into());
+                points.push(world.transform_point3(primitive.origin + local));
+            }
+        }
+    }
+    points
+}
+
+#[track_caller]
+fn assert_same(found: &[DVec3], expected: &[DVec3], tolerance: f64) -> f64 {
+    assert_eq!(found.len(), expected.len(), "{found:?}, expected {expected:?}");
+    let off = |point: &DVec3| {
+        let distances = found.iter().map(|of| of.distance(*point));
+        distances.fold(f64::MAX, f64::min)
+    };
+    let worst = expected.iter().map(off).fold(0.0, f64::max);
+    assert!(worst <= tolerance, "{worst} off: {found:?}, expected {expected:?}");
+    worst
+}
+
+fn times(builder: &mut Builder, times: &[f32]) -> usize {
+    let bytes: Vec<u8> = times.iter().flat_map(|time| time.to_le_bytes()).collect();
+    builder.accessor("SCALAR", 5126, times.len(), &bytes, None)
+}
+
+fn clip(channels: &Value, samplers: &Value) -> Value {
+    json!([{ "name": "move", "channels": channels, "samplers": samplers }])
+}
+
+const POSITIONS: [[f32; 3]; 4] =
+    [[0.0, 0.0, 0.0], [1.0, 0.25, -0.5], [0.5, 2.0, 0.125], [-1.0, 3.0, 1.0]];
+const JOINTS: [[u8; 4]; 4] = [[0, 1, 0, 0], [1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0]];
+const WEIGHTS: [[f32; 4]; 4] =
+    [[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.0, 0.0], [0.25, 0.75, 0.0, 0.0], [0.6, 0.2, 0.0, 0.0]];
+/// The upper joint's place below the lower one.
+const UPPER: [f64; 3] = [0.25, 1.5, 0.0];
+
+/// The angle about z of the upper joint at a time: keys at 0, 1 and 3 s.
+fn angle(time_s: f64) -> f64 {
+    let t = time_s.clamp(0.0, 3.0);
+    if t < 1.0 { 1.2 * t } else { 1.2 - (t - 1.0) * 0.9 }
+}
+
+/// A bar on two joints, one of which turns and the other of which walks along x at 2 m/s.
+fn bar(origin: [f64; 3]) -> Builder {
+    let mut builder = Builder::empty();
+    let positions = builder.floats("VEC3", POSITIONS.as_flattened());
+    let normals = builder.floats("VEC3", [[0.0, 0.0, 1.0]; 4].as_flattened());
+    let joints = builder.accessor("VEC4", 5121, 4, JOINTS.as_flattened(), None);
+    let weights = builder.floats("VEC4", WEIGHTS.as_flattened());
+    let indices = builder.indices(&[0, 1, 2, 2, 1, 3]);
+    let attributes = json!({ "POSITION": positions, "NORMAL": normals, "JOINTS_0": joints,
+        "WEIGHTS_0": weights });
+    builder.mesh(&json!({ "attributes": attributes, "indices": indices }));
+    builder.json["nodes"] = json!([
+        { "mesh": 0, "skin": 0, "translation": [9, 9, 9] },
+        { "translation": origin, "children": [2] },
+        { "children": [3] },
+        { "translation": UPPER },
+    ]);
+    builder.json["scenes"] = json!([{ "nodes": [0, 1] }]);
+    builder.json["skins"] = json!([{ "joints": [2, 3] }]);
+    let turns = times(&mut builder, &[0.0, 1.0, 3.0]);
+    let half = [0.0, 1.0, 3.0].map(|time| (angle(time) / 2.0) as f32);
+    let rotations: Vec<f32> = half.iter().flat_map(|of| [0.0, 0.0, of.sin(), of.cos()]).collect();
+    let rotations = builder.floats("VEC4", &rotations);
+    let walk = times(&mut builder, &[0.0, 3.0]);
+    let way = builder.floats("VEC3", &[0.0, 0.0, 0.0, 6.0, 0.0, 0.0]);
+    let channels = json!([
+        { "sampler": 0, "target": { "node": 3, "path": "rotation" } },
+        { "sampler": 1, "target": { "node": 2, "path": "translation" } },
+    ]);
+    let samplers =
+        json!([{ "input": turns, "output": rotations }, { "input": walk, "output": way }]);
+    builder.json["animations"] = clip(&channels, &samplers);
+    builder
+}
+
+/// Where glTF puts the bar at a time.
+fn bar_at(origin: [f64; 3], time_s: f64) -> Vec<DVec3> {
+    let walked = DVec3::new(2.0 * time_s.clamp(0.0, 3.0), 0.0, 0.0);
+    let lower = DAffine3::from_translation(DVec3::from(origin) + walked);
+    let turn = DQuat::from_rotation_z(angle(time_s));
+    let upper = lower * DAffine3::from_rotation_translation(turn, DVec3::from(UPPER));
+    let joints = [lower, upper];
+    let vertex = |at: usize| {
+        let point = DVec3::from(POSITIONS[at].map(f64::from));
+        let total: f64 = WEIGHTS[at].iter().map(|weight| f64::from(*weight)).sum();
+        let part = |of: usize| {
+            let joint = joints[usize::from(JOINTS[at][of])];
+            joint.transform_point3(point) * (f64::from(WEIGHTS[at][of]) / total)
+        };
+        (0..4).map(part).sum()
+    };
+    (0..4).map(vertex).collect()
+}
+
+#[test]
+fn skinned_meshes_are_where_a_reference_has_them_at_every_time() {
+    let mut worst = 0.0f64;
+    for origin in [[0.0; 3], [6_378_137.25, -40.0, 1e7]] {
+        let (place, baked, scene) = bake_builder(&bar(origin));
+        assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+        assert_eq!((scene.animations.clips[0].duration_s(), scene.deformations.len()), (3.0, 1));
+        for step in 0..20 {
+            let time_s = f64::from(step) * 0.19 - 0.2;
+            let found = drawn_at(&place, &scene, 0, time_s);
+            worst = worst.max(assert_same(&found, &bar_at(origin, time_s), 1e-6));
+        }
+    }
+    println!("at most {worst:.1e} m off");
+}
+
+#[test]
+fn a_mesh_that_no_clip_bends_is_baked_as_without_clips() {
+    let mut builder = bar([0.0; 3]);
+    // The clip moves the whole skeleton, and bends nothing.
+    let channel = json!([{ "sampler": 1, "target": { "node": 1, "path": "translation" } }]);
+    builder.json["animations"][0]["channels"] = channel;
+    let (place, _, scene) = bake_builder(&builder);
+    assert!(scene.deformations.is_empty());
+    let start = drawn_at(&place, &scene, 0, 0.0);
+    let moved = drawn_at(&place, &scene, 0, 1.5);
+    let wanted: Vec<DVec3> = start.iter().map(|point| *point + DVec3::new(3.0, 0.0, 0.0)).collect();
+    assert_same(&moved, &wanted, 1e-6);
+}
+
+/// A triangle without normals that two targets raise, in turn.
+fn morphed() -> Builder {
+    let mut builder = Builder::triangle();
+    let up = builder.floats("VEC3", &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0]);
+    let aside = builder.floats("VEC3", &[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let input = times(&mut builder, &[0.0, 2.0]);
+    let bytes: Vec<u8> = [0.0f32, 1.0, 1.0, 0.5].iter().flat_map(|w| w.to_le_bytes()).collect();
+    let output = builder.accessor("SCALAR", 5126, 4, &bytes, None);
+    builder.json["meshes"][0]["primitives"][0]["targets"] =
+        json!([{ "POSITION": up }, { "POSITION": aside }]);
+    let channels = json!([{ "sampler": 0, "target": { "node": 0, "path": "weights" } }]);
+    let samplers = json!([{ "input": input, "output": output }]);
+    builder.json["animations"] = clip(&channels, &samplers);
+    builder
+}
+
+#[test]
+fn weights_of_morph_targets_are_animated() {
+    let (place, baked, scene) = bake_builder(&morphed());
+    assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+    for (time_s, up, aside) in [(0.0, 0.0, 1.0), (1.0, 0.5, 0.75), (5.0, 1.0, 0.5)] {
+        let wanted = [[aside, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 2.0 * up]].map(DVec3::from);
+        assert_same(&drawn_at(&place, &scene, 0, time_s), &wanted, 1e-6);
+    }
+    let Some(flat) = scene.meshes[0].primitives[0].deformed else { panic!("it is bent") };
+    assert!(flat.is_flat, "without normals each triangle has its own at any time");
+}
+
+#[test]
+fn broken_channels_are_noted_and_the_rest_is_played() {
+    let noted = |change: &dyn Fn(&mut Builder), parts: &[&str], channels: usize| {
+        let mut builder = bar([0.0; 3]);
+        change(&mut builder);
+        let (_place, baked, scene) = bake_builder(&builder);
+        let note = baked.warnings.first().expect("a note");
+        for part in parts {
+            assert!(note.contains(part), "'{part}' is not in: {note}");
+        }
+        assert_eq!(scene.animations.clips[0].channels.len(), channels, "{note}");
+    };
+    let channel = |key: &'static str, value: Value| {
+        move |b: &mut Builder| b.json["animations"][0]["channels"][0]["target"][key] = value.clone()
+    };
+    let sampler = |key: &'static str, value: Value| {
+        move |b: &mut Builder| b.json["animations"][0]["samplers"][0][key] = value.clone()
+    };
+    noted(&channel("path", json!("colour")), &["animations[0].channels[0]", "'colour'"], 1);
+    noted(&channel("path", json!("weights")), &["no morph targets"], 1);
+    noted(&channel("node", json!(77)), &["nodes[77]"], 1);
+    noted(&sampler("input", json!(99)), &["accessors[99]"], 1);
+    noted(&sampler("output", json!(0)), &["VEC4"], 1);
+    noted(&sampler("interpolation", json!("BEZIER")), &["'BEZIER'"], 1);
+    noted(&sampler("interpolation", json!("CUBICSPLINE")), &["36 would be right"], 1);
+    let late = |times_of: [f32; 3]| {
+        move |b: &mut Builder| {
+            let input = times(b, &times_of);
+            b.json["animations"][0]["samplers"][0]["input"] = json!(input);
+        }
+    };
+    noted(&late([0.0, 2.0, 1.0]), &["do not rise"], 1);
+    noted(&late([0.0, f32::NAN, 1.0]), &["not finite"], 1);
+    noted(&late([-1.0, 0.0, 1.0]), &["rising seconds from 0 on"], 1);
+    let twice = |b: &mut Builder| {
+        let first = b.json["animations"][0]["channels"][0].clone();
+        b.json["animations"][0]["channels"].as_array_mut().expect("a list").push(first);
+    };
+    noted(&twice, &["channels[2]", "twice"], 2);
+    let hidden_joints = |b: &mut Builder| b.json["scenes"] = json!([{ "nodes": [0] }]);
+    noted(&hidden_joints, &["nodes[0].skin", "not in the shown scene"], 0);
+}
+
+/// Every animated asset bakes without a note about its clips, and is finite at many times.
+#[test]
+#[cfg_attr(not(has_shared_files), ignore = "no assets and walls in ../shared")]
+fn animated_assets_move() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/assets");
+    let names = [
+        ("animated/Fox.glb", 3),
+        ("animated/MorphStressTest.gltf", 3),
+        ("blender-io/03_skinned_cylinder/03_skinned_cylinder.gltf", 1),
+        ("blender-io/03_all_animations/03_all_animations.gltf", 3),
+        ("blender-io/07_nla-anim/07_nla-anim.gltf", 3),
+    ];
+    for (name, clips) in names {
+        let place = BakeFixture::new();
+        let baked = place.bake(&folder.join(name)).expect(name);
+        let about = baked.warnings.iter().find(|note| note.contains("animation"));
+        assert_eq!(about, None, "{name}");
+        let scene = place.scene(&baked);
+        assert_eq!(scene.animations.clips.len(), clips, "{name}");
+        for (at, clip) in (0..).zip(&scene.animations.clips) {
+            let first = drawn_at(&place, &scene, at, 0.0);
+            let moves = (1..20).any(|step| {
+                let time_s = clip.duration_s() * f64::from(step) / 20.0;
+                let points = drawn_at(&place, &scene, at, time_s);
+                assert!(points.iter().all(|point| point.is_finite()), "{name} at {time_s} s");
+                points != first
+            });
+            assert!(moves, "{name}: {} stands still", clip.name);
+        }
+    }
+}
