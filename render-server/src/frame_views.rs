@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DMat4, DVec3};
 use polyptych_protocol::command::Frame;
-use polyptych_renderer::{AllowedError, ViewDesc};
+use polyptych_renderer::{AllowedError, ShadowFilter, ViewDesc};
 use polyptych_scene::{NodeId, Scene, SceneSubset};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::limits::VIEWS_MAX;
@@ -74,6 +74,7 @@ impl ViewTransform {
             exposure: frame.presentation.exposure,
             subset: SceneSubset { root: view.root.map(NodeId), layers: view.layers.clone() },
             allowed_error,
+            shadows: ShadowFilter::default(),
         }
     }
 }

@@ -5,6 +5,7 @@
 use super::gpu::Gpu;
 use super::pass::correct::{CellRecord, CorrectionUniform};
 use super::scene::MaterialUniform;
+use super::shadow_uniform::ShadowUniform;
 use super::view::{FrameUniform, LocalLightRecord};
 
 /// The step from one uniform block to the next in a buffer, in bytes.
@@ -69,6 +70,28 @@ pub(crate) fn frame_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
             buffer(2, fragment, storage, false, size_of::<u32>()),
             texture(3, true),
             sampler(4),
+        ],
+    })
+}
+
+/// Group 1 of the passes over a scene with lights that cast shadows: the view's uniforms,
+/// the maps, and the sampler that compares.
+pub(crate) fn shadow_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    let fragment = wgpu::ShaderStages::FRAGMENT;
+    let uniform = wgpu::BufferBindingType::Uniform;
+    let entry =
+        |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: fragment, ty, count: None };
+    let maps = wgpu::BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Depth,
+        view_dimension: wgpu::TextureViewDimension::D2Array,
+        multisampled: false,
+    };
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("shadow/layout"),
+        entries: &[
+            buffer(0, fragment, uniform, false, size_of::<ShadowUniform>()),
+            entry(1, maps),
+            entry(2, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
         ],
     })
 }

@@ -11,6 +11,7 @@ use glam::{DAffine3, DMat4, DVec3};
 use super::cull::FrustumPlanes;
 use super::error_tolerance::ErrorTolerance;
 use super::item_draws::ItemDraws;
+use super::pass::shadow::casts_shadows;
 use super::pipeline::InstanceRecord;
 use super::scene::{
     Billboard, Bounds, DrawItem, EyeRelativeTransform, GpuScene, Stance, relative_to,
@@ -73,6 +74,10 @@ pub(crate) struct VisibleItems {
     pub items: Vec<u32>,
     planes: FrustumPlanes,
     tolerance: ErrorTolerance,
+    /// The turn of each billboard of the scene, in world space.
+    turns: Vec<DAffine3>,
+    /// Triangles hide what is behind them whichever way they face.
+    both_sides: bool,
     /// The largest size of what was left out as too small, as a share of what is allowed.
     error_share: f32,
 }
@@ -81,6 +86,47 @@ impl VisibleItems {
     /// Finds the items of the part of the scene that a view shows, within a rectangle of the
     /// target.
     pub fn new(scene: &GpuScene, view: &ViewDesc, rectangle: [u32; 4]) -> Self {
+        let turns = Billboard::turns(scene.billboards(), view);
+        let mut found = Self::found(scene, view, rectangle, (ErrorTolerance::new(view), turns));
+        found.error_share = leave_out_small(scene, &found.tolerance, &mut found.items);
+        found
+    }
+
+    /// Finds the items of which a map has what casts shadows, in its view; levels of detail and the
+    /// turns of billboards are those of the camera that sees the shadows. `receivers`: a sphere
+    /// around all places that the map is for, in world space; nothing is found if it is empty.
+    pub fn casting(
+        scene: &GpuScene,
+        light: &ViewDesc,
+        (tolerance, turns): (ErrorTolerance, Vec<DAffine3>),
+        (center, radius): (DVec3, f64),
+    ) -> Self {
+        let [_, _, width, height] = light.viewport.map(|number| number as u32);
+        let mut found = Self::found(scene, light, [0, 0, width, height], (tolerance, turns));
+        found.both_sides = true;
+        let reach = radius * radius;
+        let receives = |item: &u32| {
+            // Written so that a box that is not finite receives.
+            let is_beyond = scene.item(*item).2.distance_squared(center) > reach;
+            !is_beyond
+        };
+        if !found.items.iter().any(receives) {
+            found.items.clear();
+        }
+        found.items.retain(|&item| {
+            let batch = &scene.layout.batches[scene.item(item).0.batch as usize];
+            casts_shadows(&scene.layout.keys[batch.pipeline as usize])
+        });
+        leave_out_small(scene, &found.tolerance, &mut found.items);
+        found
+    }
+
+    fn found(
+        scene: &GpuScene,
+        view: &ViewDesc,
+        rectangle: [u32; 4],
+        (tolerance, turns): (ErrorTolerance, Vec<DAffine3>),
+    ) -> Self {
         let planes = view.planes(rectangle);
         let mut items = Vec::new();
         scene.visible(&planes, &mut items);
@@ -93,9 +139,8 @@ impl VisibleItems {
                     && part.has_layer(layout.batches[item.batch as usize].layer)
             });
         }
-        let tolerance = ErrorTolerance::new(view);
-        let error_share = leave_out_small(scene, &tolerance, &mut items);
-        Self { rectangle, items, planes, tolerance, error_share }
+        let (both_sides, error_share) = (false, 0.0);
+        Self { rectangle, items, planes, tolerance, turns, both_sides, error_share }
     }
 }
 
@@ -108,7 +153,7 @@ impl DrawList {
         scratch: &mut Scratch,
         instances: &mut Vec<InstanceRecord>,
     ) -> Self {
-        let VisibleItems { rectangle, planes, tolerance, error_share, .. } = of;
+        let VisibleItems { rectangle, planes, tolerance, turns, both_sides, error_share, .. } = of;
         let mut list = Self {
             rectangle: *rectangle,
             visible: items.len() as u32,
@@ -117,11 +162,11 @@ impl DrawList {
             ..Self::default()
         };
         sort(scene, view, items, scratch);
-        let turns = Billboard::turns(scene.billboards(), view);
         let seen_from =
             SeenFrom { eye: view.eye_in_world, clip_from_eye: view.scaled_clip_from_eye(), turns };
         let Scratch { opaque, blended, chosen, .. } = scratch;
-        let mut item_draws = ItemDraws { scene, planes, tolerance: *tolerance, chosen };
+        let (tolerance, both_sides) = (*tolerance, *both_sides);
+        let mut item_draws = ItemDraws { scene, planes, tolerance, both_sides, chosen };
         for &(_, _, index) in &*opaque {
             list.add(&mut item_draws, &seen_from, index, instances);
         }
@@ -135,7 +180,7 @@ impl DrawList {
     fn add(
         &mut self,
         item_draws: &mut ItemDraws<'_>,
-        seen_from: &SeenFrom,
+        seen_from: &SeenFrom<'_>,
         index: u32,
         instances: &mut Vec<InstanceRecord>,
     ) {
@@ -173,14 +218,14 @@ pub(crate) fn samples_of(scene: &GpuScene) -> Vec<Draw> {
 
 /// The viewpoint that records are relative to.
 #[derive(Debug)]
-struct SeenFrom {
+struct SeenFrom<'a> {
     eye: DVec3,
     clip_from_eye: DMat4,
     /// The turn of each billboard of the scene, in world space.
-    turns: Vec<DAffine3>,
+    turns: &'a [DAffine3],
 }
 
-impl SeenFrom {
+impl SeenFrom<'_> {
     /// An item, how it stands, and its origin, in world space.
     fn place<'a>(&self, scene: &'a GpuScene, index: u32) -> (&'a DrawItem, Cow<'a, Stance>, DVec3) {
         let (item, stance, _) = scene.item(index);

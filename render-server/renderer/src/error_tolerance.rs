@@ -104,7 +104,7 @@ impl ErrorTolerance {
 
 /// The next number with three bits of mantissa above a distance. The eyes are equally far from the
 /// point between them, but for rounding: this makes it one number for both.
-fn rounded_up(distance: f64) -> f64 {
+pub(crate) fn rounded_up(distance: f64) -> f64 {
     let bits = (distance * (1.0 + ROUNDING)).to_bits();
     f64::from_bits(bits.next_multiple_of(1 << LOW_MANTISSA_BITS))
 }

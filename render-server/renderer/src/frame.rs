@@ -7,9 +7,11 @@
 //! larger one lives until the last frame that reads it is done.
 
 mod begun_frame;
+mod draw_context;
 mod frame_buffer;
 mod hidden_items;
 mod submission;
+mod sun_shadows;
 
 use std::time::{Duration, Instant};
 
@@ -17,7 +19,7 @@ use glam::{DMat3, DMat4, DVec3, Vec3};
 use polyptych_scene::SceneSubset;
 
 use super::bindings::uniform_stride;
-use super::draw_list::{Draw, DrawList, Scratch, VisibleItems, samples_of};
+use super::draw_list::{DrawList, Scratch, VisibleItems, samples_of};
 use super::gpu::Gpu;
 use super::occlusion::OcclusionCulling;
 use super::pass::occluder::OccluderPass;
@@ -27,14 +29,16 @@ use super::pipeline::{InstanceRecord, Pipelines};
 use super::scene::GpuScene;
 use super::target::Target;
 use super::tone::{LIGHT_MAX, tone_map};
-use super::view::{AllowedError, FrameUniform, LocalLightRecord, ViewDesc};
+use super::view::{AllowedError, FrameUniform, LocalLightRecord, ShadowFilter, ViewDesc};
 use super::{DrawError, DrawStats, albedo};
 use begun_frame::ShownView;
 pub use begun_frame::{BegunFrame, SubmittedFrame};
+pub(crate) use draw_context::DrawContext;
 use frame_buffer::{FrameBuffer, is_too_large};
 pub(crate) use hidden_items::OcclusionMemory;
 use hidden_items::encode_behind;
 pub use submission::Submission;
+pub(crate) use sun_shadows::SunShadows;
 
 /// Maximum number of primitives that all views of a frame show: 120 bytes each here, and at most
 /// 240 on the GPU. Views multiply a scene: this is twice the largest, or one for two eyes.
@@ -55,60 +59,6 @@ pub(crate) struct FrameResources {
     records: Vec<InstanceRecord>,
     /// The end of the frame that was finished last.
     done: Option<Instant>,
-}
-
-/// What the passes draw with.
-pub(crate) struct DrawContext<'a> {
-    scene: &'a GpuScene,
-    /// In the order of the scene's keys; what has none is not drawn.
-    pipelines: Vec<Option<&'a wgpu::RenderPipeline>>,
-    /// The pipelines read materials.
-    has_materials: bool,
-    views: Vec<&'a ViewDesc>,
-    pub lists: &'a [DrawList],
-    group: wgpu::BindGroup,
-    instances: &'a wgpu::Buffer,
-    uniform_stride: u32,
-    lamp_stride: u32,
-    /// No more indices of a geometry than this are drawn.
-    index_count_max: u32,
-}
-
-impl DrawContext<'_> {
-    /// Encodes draws of one view; sets only what changes from draw to draw.
-    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, view: usize, draws: &[Draw]) {
-        if draws.is_empty() {
-            return;
-        }
-        let [x, y, width, height] = self.views[view].viewport.map(|number| number as f32);
-        pass.set_viewport(x, y, width, height, 0.0, 1.0);
-        let [x, y, width, height] = self.lists[view].rectangle;
-        pass.set_scissor_rect(x, y, width, height);
-        let index = view as u32;
-        let offsets = [index * self.uniform_stride, index * self.lamp_stride];
-        pass.set_bind_group(0, &self.group, &offsets);
-        pass.set_vertex_buffer(1, self.instances.slice(..));
-        let (mut pipeline, mut material, mut geometry) = (None, None, None);
-        for draw in draws {
-            let batch = &self.scene.layout.batches[draw.batch as usize];
-            let Some(with) = self.pipelines[draw.pipeline as usize] else { continue };
-            if pipeline.replace(draw.pipeline) != Some(draw.pipeline) {
-                pass.set_pipeline(with);
-            }
-            if self.has_materials && material.replace(batch.material) != Some(batch.material) {
-                pass.set_bind_group(2, &self.scene.materials[batch.material as usize], &[]);
-            }
-            let shape = &self.scene.geometries[batch.geometry as usize];
-            if geometry.replace(batch.geometry) != Some(batch.geometry) {
-                pass.set_vertex_buffer(0, shape.vertices.slice(..shape.vertex_bytes));
-                let indices = shape.indices.slice(shape.first_index_byte..);
-                pass.set_index_buffer(indices, shape.index_format);
-            }
-            let [start, count] = draw.indices;
-            let indices = start..start + count.min(self.index_count_max);
-            pass.draw_indexed(indices, 0, draw.first..draw.first + draw.count);
-        }
-    }
 }
 
 impl FrameResources {
@@ -175,7 +125,7 @@ impl FrameResources {
     pub fn submit(
         &mut self,
         gpu: &Gpu,
-        (pipelines, occluders): (&Pipelines, Option<&OccluderPass>),
+        (pipelines, occluders, shadows): (&Pipelines, Option<&OccluderPass>, &mut SunShadows),
         scene: &GpuScene,
         target: &mut Target,
         begun: BegunFrame,
@@ -187,6 +137,7 @@ impl FrameResources {
             None => None,
         };
         let searched = start.elapsed();
+        let shadows = shadows.draw(self, gpu, scene, &shown)?;
         let lists = self.lists(gpu, scene, &shown)?;
         let sorted = start.elapsed();
         let clear_display = if scene.layout.blends {
@@ -195,8 +146,11 @@ impl FrameResources {
             light_color(tone_map(sky))
         };
         let ready = ready(pipelines, scene, target)?;
-        let context =
-            self.context(gpu, ready, scene, shown.iter().map(|(view, _)| view).collect(), &lists);
+        let views = shown.iter().map(|(view, _)| view).collect();
+        let context = DrawContext {
+            shadows: shadows.groups,
+            ..self.context(gpu, ready, scene, views, &lists)
+        };
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
@@ -224,6 +178,7 @@ impl FrameResources {
             error_share: lists.iter().map(|list| list.error_share).fold(0.0, f32::max),
             culled: (scene.layout.items.len() * lists.len()) as u32 - visible - occluded,
             occluded,
+            shadow_maps: shadows.drawn,
             occlusion_us: us(search + searched),
             cull_us: us(cull + sorted.saturating_sub(searched)),
             encode_us: us(encoded.saturating_sub(sorted)),
@@ -310,7 +265,7 @@ impl FrameResources {
     pub fn prewarm(
         &mut self,
         gpu: &Gpu,
-        pipelines: &Pipelines,
+        (pipelines, shadows): (&Pipelines, &SunShadows),
         scene: &GpuScene,
         target: &Target,
     ) -> Result<(), DrawError> {
@@ -324,6 +279,7 @@ impl FrameResources {
             exposure: 1.0,
             subset: SceneSubset::default(),
             allowed_error: AllowedError::NONE,
+            shadows: ShadowFilter::Off,
         };
         let opaque = samples_of(scene);
         let lists = [DrawList { rectangle: [0, 0, 1, 1], opaque, ..DrawList::default() }];
@@ -333,6 +289,7 @@ impl FrameResources {
         let mut context = self.context(gpu, ready, scene, vec![&view], &lists);
         // A multiple of what points, lines and triangles take.
         context.index_count_max = 6;
+        context.shadows = shadows.none(gpu, scene);
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("warm") });
@@ -403,6 +360,7 @@ impl FrameResources {
             views,
             lists,
             group,
+            shadows: Vec::new(),
             instances: self.instances.write(gpu, bytemuck::cast_slice(&self.records)),
             uniform_stride: uniform_size as u32,
             lamp_stride: lamp_stride as u32,

@@ -19,6 +19,8 @@ pub(crate) struct ItemDraws<'a> {
     pub scene: &'a GpuScene,
     pub planes: &'a FrustumPlanes,
     pub tolerance: ErrorTolerance,
+    /// Meshlets are drawn whichever way they face.
+    pub both_sides: bool,
     /// Room for the meshlets of an item.
     pub chosen: &'a mut Vec<u32>,
 }
@@ -68,7 +70,8 @@ impl ItemDraws<'_> {
         (meshlets, errors): (&Meshlets, &ItemErrors),
         draws: &mut Vec<Draw>,
     ) -> DrawnItem {
-        let culls_back = self.scene.layout.keys[whole.pipeline as usize].cull == Cull::Back;
+        let cull = self.scene.layout.keys[whole.pipeline as usize].cull;
+        let culls_back = cull == Cull::Back && !self.both_sides;
         let cull = (whole.indices[1] >= CULLED_INDICES_MIN)
             .then(|| MeshletCull::new(self.planes, &stance.linear, origin, culls_back));
         self.chosen.clear();

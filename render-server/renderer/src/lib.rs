@@ -28,6 +28,8 @@ mod pipeline;
 mod readback;
 mod scene;
 mod shader;
+mod shadow_cascades;
+mod shadow_uniform;
 mod target;
 // The harness of tests serves the render server's too, so it names this crate as that one does.
 #[cfg(test)]
@@ -55,7 +57,7 @@ pub use scene::{
 };
 pub use target::{Target, TargetError};
 pub use text::rasterize;
-pub use view::{AllowedError, ViewDesc};
+pub use view::{AllowedError, ShadowFilter, ViewDesc};
 
 use std::time::{Duration, Instant};
 
@@ -97,6 +99,8 @@ pub struct DrawStats {
     pub culled: u32,
     /// Primitives in their places that others hide, and that were left out for it.
     pub occluded: u32,
+    /// Maps of shadows that were drawn anew; others are those of frames before.
+    pub shadow_maps: u32,
     /// The largest error of what was drawn coarser than it is or left out as too small, as a share
     /// of what is allowed where it stands: 0 to 1, and 0 if all is at its finest. More than 1 where
     /// finer levels are not held; in pixels if nothing is allowed.
@@ -121,6 +125,7 @@ impl DrawStats {
             visible: self.visible + other.visible,
             culled: self.culled + other.culled,
             occluded: self.occluded + other.occluded,
+            shadow_maps: self.shadow_maps + other.shadow_maps,
             error_share: self.error_share.max(other.error_share),
             occlusion_us: self.occlusion_us + other.occlusion_us,
             cull_us: self.cull_us + other.cull_us,
@@ -138,6 +143,7 @@ pub struct Renderer {
     frames: frame::FrameResources,
     /// `None` where the driver cannot.
     occluders: Option<pass::occluder::OccluderPass>,
+    shadows: frame::SunShadows,
     enlarge: pass::enlarge::EnlargePass,
     occlusion: OcclusionCulling,
 }
@@ -156,7 +162,8 @@ impl Renderer {
         let occluders = pass::occluder::OccluderPass::new(gpu, samples);
         let occlusion = OcclusionCulling::default();
         let enlarge = pass::enlarge::EnlargePass::new(gpu);
-        Ok(Self { samples, pipelines, frames, occluders, enlarge, occlusion })
+        let shadows = frame::SunShadows::new(gpu);
+        Ok(Self { samples, pipelines, frames, occluders, shadows, enlarge, occlusion })
     }
 
     /// Sets when items that others hide are left out; no picture depends on it.
@@ -183,11 +190,13 @@ impl Renderer {
         if let Some(occluders) = &mut self.occluders {
             occluders.prepare(gpu, &scene.layout.keys);
         }
+        self.shadows.prepare(gpu, scene);
         let warmed =
             Target::with_encoding(gpu, [1, 1], self.samples, scene.has_transparency(), content)
                 .map_err(|error| error.to_string())
                 .and_then(|target| {
-                    let warmed = self.frames.prewarm(gpu, &self.pipelines, scene, &target);
+                    let warmed =
+                        self.frames.prewarm(gpu, (&self.pipelines, &self.shadows), scene, &target);
                     warmed.map_err(|error| error.to_string())
                 });
         if let Err(reason) = warmed {
@@ -250,7 +259,7 @@ impl Renderer {
         target: &mut Target,
         begun: BegunFrame,
     ) -> Result<SubmittedFrame, DrawError> {
-        let with = (&self.pipelines, self.occluders.as_ref());
+        let with = (&self.pipelines, self.occluders.as_ref(), &mut self.shadows);
         self.frames.submit(gpu, with, scene, target, begun)
     }
 

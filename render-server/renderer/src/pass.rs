@@ -7,5 +7,6 @@ pub mod label;
 pub(crate) mod occluder;
 pub(crate) mod opaque;
 pub mod present_pass;
+pub(crate) mod shadow;
 pub(crate) mod tonemap;
 pub(crate) mod transparent;

@@ -66,6 +66,8 @@ pub(crate) struct PipelineKey {
     pub lamps: bool,
     /// Into the float target, which is tone-mapped later.
     pub linear: bool,
+    /// The scene has lights that cast shadows.
+    pub shadows: bool,
 }
 
 impl PipelineKey {
@@ -78,7 +80,8 @@ impl PipelineKey {
             uv1: slots.contains(&TextureSlot::Uv1),
             color: self.layout.color,
         };
-        Interface { attributes, lit: m.lit, lamps: self.lamps && m.lit }
+        let (lamps, shadows) = (self.lamps && m.lit, self.shadows && m.lit);
+        Interface { attributes, lit: m.lit, lamps, shadows }
     }
 
     fn constants(&self) -> Vec<(&'static str, f64)> {
@@ -130,6 +133,8 @@ pub(crate) struct InstanceRecord {
 pub(crate) struct Pipelines {
     samples: u32,
     layout: wgpu::PipelineLayout,
+    /// That of scenes with lights that cast shadows.
+    layout_with_shadows: wgpu::PipelineLayout,
     modules: BTreeMap<(Interface, bool), wgpu::ShaderModule>,
     ready: BTreeMap<(PipelineKey, bool), wgpu::RenderPipeline>,
 }
@@ -138,12 +143,17 @@ impl Pipelines {
     pub fn new(gpu: &Gpu, samples: u32) -> Self {
         let frame = bindings::frame_layout(&gpu.device);
         let material = bindings::material_layout(&gpu.device);
-        let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("scene/pipeline_layout"),
-            bind_group_layouts: &[Some(&frame), None, Some(&material)],
-            immediate_size: 0,
-        });
-        Self { samples, layout, modules: BTreeMap::new(), ready: BTreeMap::new() }
+        let shadow = bindings::shadow_layout(&gpu.device);
+        let layout = |pass| {
+            gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some("scene/pipeline_layout"),
+                bind_group_layouts: &[Some(&frame), pass, Some(&material)],
+                immediate_size: 0,
+            })
+        };
+        let (layout, layout_with_shadows) = (layout(None), layout(Some(&shadow)));
+        let (modules, ready) = (BTreeMap::new(), BTreeMap::new());
+        Self { samples, layout, layout_with_shadows, modules, ready }
     }
 
     /// Makes what is missing for a scene that is drawn onto pictures of this content.
@@ -195,7 +205,7 @@ impl Pipelines {
         };
         gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(if blended { "transparent/pipeline" } else { "opaque/pipeline" }),
-            layout: Some(&self.layout),
+            layout: Some(if key.shadows { &self.layout_with_shadows } else { &self.layout }),
             vertex: wgpu::VertexState {
                 module,
                 entry_point: Some("vertex"),

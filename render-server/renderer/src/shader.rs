@@ -5,6 +5,13 @@ use polyptych_scene::VertexLayout;
 const FRAME: &str = include_str!("include/frame.wgsl");
 const VERTEX: &str = include_str!("include/vertex.wgsl");
 const MATERIAL: &str = include_str!("include/material.wgsl");
+const SHADOW: &str = include_str!("include/shadow.wgsl");
+/// Stands for [`SHADOW`] where no light casts shadows.
+const NO_SHADOW: &str = "
+fn sun_visibility(sun: u32, position: vec3<f32>, normal: vec3<f32>) -> f32 {
+    return 1.0;
+}
+";
 const SURFACE: &str = include_str!("include/surface.wgsl");
 const TONE: &str = include_str!("include/tone.wgsl");
 const SCREEN: &str = include_str!("include/screen.wgsl");
@@ -19,6 +26,8 @@ pub(crate) struct Interface {
     pub lit: bool,
     /// Each item has a list of lamps.
     pub lamps: bool,
+    /// Directional lights have maps of what they reach.
+    pub shadows: bool,
 }
 
 impl Interface {
@@ -53,7 +62,8 @@ fn select(text: &str, holds: impl Fn(&str) -> bool) -> String {
 
 /// A pass over the scene: `pass` holds its fragment stage.
 pub(crate) fn surface(interface: Interface, pass: &str) -> String {
-    [FRAME, &interface.select(VERTEX), MATERIAL, SURFACE, TONE, pass].concat()
+    let shadow = if interface.shadows { SHADOW } else { NO_SHADOW };
+    [FRAME, &interface.select(VERTEX), MATERIAL, shadow, SURFACE, TONE, pass].concat()
 }
 
 /// A pass over the pixels of a picture.

@@ -14,6 +14,7 @@ mod parallel;
 mod robustness;
 mod shaders;
 mod shading;
+mod shadows;
 mod targets_together;
 mod terrain;
 mod tiles;

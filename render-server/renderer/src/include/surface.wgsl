@@ -79,6 +79,17 @@ fn reflect_light(s: Surface, toward: vec3<f32>, irradiance: vec3<f32>) -> vec3<f
     return brdf * irradiance * (n_dot_l * (1.0 / PI));
 }
 
+// The interpolated normal, without a normal map, on the side that is seen.
+fn surface_normal(v: Varyings, front: bool) -> vec3<f32> {
+    let normal = unit(normal_of(v));
+    return select(normal, -normal, DOUBLE_SIDED && !front);
+}
+
+fn sun_light(s: Surface, sun: u32, position: vec3<f32>, normal: vec3<f32>) -> vec3<f32> {
+    let light = reflect_light(s, frame.suns[sun].toward, frame.suns[sun].irradiance);
+    return light * sun_visibility(sun, position, normal);
+}
+
 // KHR_lights_punctual: inverse square, windowed by the range, smoothed by the cone.
 fn lamp_light(s: Surface, position: vec3<f32>, lamp: Lamp) -> vec3<f32> {
     let away = lamp.position - position;
@@ -172,10 +183,11 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     s = layered(s, base, metallic);
 
     var light = ambient(s) * occlusion;
-    if SUN_COUNT > 0u { light += reflect_light(s, frame.suns[0].toward, frame.suns[0].irradiance); }
-    if SUN_COUNT > 1u { light += reflect_light(s, frame.suns[1].toward, frame.suns[1].irradiance); }
-    if SUN_COUNT > 2u { light += reflect_light(s, frame.suns[2].toward, frame.suns[2].irradiance); }
-    if SUN_COUNT > 3u { light += reflect_light(s, frame.suns[3].toward, frame.suns[3].irradiance); }
+    let facing = surface_normal(v, front);
+    if SUN_COUNT > 0u { light += sun_light(s, 0u, position, facing); }
+    if SUN_COUNT > 1u { light += sun_light(s, 1u, position, facing); }
+    if SUN_COUNT > 2u { light += sun_light(s, 2u, position, facing); }
+    if SUN_COUNT > 3u { light += sun_light(s, 3u, position, facing); }
     if LAMPS {
         let list = lamps_of(v);
         for (var i = 0u; i < list.y; i++) {

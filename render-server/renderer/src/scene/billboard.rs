@@ -112,7 +112,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::view::AllowedError;
+    use crate::view::{AllowedError, ShadowFilter};
 
     fn view(eye: DVec3) -> ViewDesc {
         ViewDesc {
@@ -130,6 +130,7 @@ mod tests {
             exposure: 1.0,
             subset: SceneSubset::default(),
             allowed_error: AllowedError::NONE,
+            shadows: ShadowFilter::default(),
         }
     }
 

@@ -355,6 +355,7 @@ struct Template {
     sun_count: u8,
     lamps: bool,
     linear: bool,
+    shadows: bool,
 }
 
 impl Sorter {
@@ -369,6 +370,7 @@ impl Sorter {
             sun_count: lights.suns.len() as u8,
             lamps: !lights.lamps.is_empty(),
             linear: drawn.any(blends),
+            shadows: lights.cast_shadows(),
         };
         Self {
             default_material: Material::default(),
@@ -470,6 +472,7 @@ impl Sorter {
             sun_count: self.template.sun_count,
             lamps: self.template.lamps,
             linear: self.template.linear,
+            shadows: self.template.shadows,
         };
         let two_passes = blended && features.double_sided && topology == Topology::Triangles;
         let (pipeline, back_pipeline) = if two_passes {

@@ -16,6 +16,7 @@ const DEFAULT_SUN: DirectionalLight = DirectionalLight {
     toward: Vec3::new(0.453, 0.754, 0.476),
     irradiance: Vec3::new(3.1, 2.95, 2.7),
     on: Condition::Always,
+    casts_shadows: false,
 };
 
 /// Radiance from below as a factor of the sky's, where a scene does not say: a matt, warm ground.
@@ -62,6 +63,8 @@ pub(crate) struct DirectionalLight {
     /// Lux, as linear RGB.
     pub irradiance: Vec3,
     pub on: Condition,
+    /// What it does not reach lies in shadow: every light of the file, but not the default sun.
+    pub casts_shadows: bool,
 }
 
 /// A light that is not among the first directional ones: its place is looked up per item.
@@ -136,12 +139,12 @@ impl Lights {
                 let (node, light) = (index as u32, light.clone());
                 lights.moving.push(MovingLight { node, is_sun, slot, light });
             }
-            lights.add(lamp);
+            lights.add(lamp, true);
         }
         if !is_lit && layers == 0 {
             lights.suns.push(DEFAULT_SUN);
         } else if !is_lit {
-            lights.add(LocalLight::of_sun(&DEFAULT_SUN, Condition::Without(layers)));
+            lights.add(LocalLight::of_sun(&DEFAULT_SUN, Condition::Without(layers)), false);
         }
         lights
     }
@@ -165,13 +168,19 @@ impl Lights {
         is_moved.then_some(MovedLights { suns, lamps })
     }
 
-    fn add(&mut self, lamp: LocalLight) {
+    fn add(&mut self, lamp: LocalLight, is_of_file: bool) {
         if lamp.directional && self.suns.len() < SUNS_MAX {
             let (toward, irradiance) = (-lamp.direction, lamp.intensity);
-            self.suns.push(DirectionalLight { toward, irradiance, on: lamp.on });
+            let casts_shadows = is_of_file && irradiance != Vec3::ZERO;
+            self.suns.push(DirectionalLight { toward, irradiance, on: lamp.on, casts_shadows });
         } else {
             self.lamps.push(lamp);
         }
+    }
+
+    /// Returns whether a directional light casts shadows.
+    pub fn cast_shadows(&self) -> bool {
+        self.suns.iter().any(|sun| sun.casts_shadows)
     }
 
     /// Returns start and count of the list of the lamps that reach a box. Equal lists are shared.

@@ -6,9 +6,10 @@ use polyptych_scene::VertexLayout;
 use wgpu::naga;
 
 use crate::pass::correct::{CellRecord, CorrectionUniform, EyeRecord, PlaneRecord};
-use crate::pass::{occluder, opaque, transparent};
+use crate::pass::{occluder, opaque, shadow, transparent};
 use crate::scene::MaterialUniform;
 use crate::shader::{Interface, depth, screen, surface};
+use crate::shadow_uniform::{CascadeRecord, ShadowUniform, SunShadowRecord};
 use crate::view::{DirectionalLightRecord, FrameUniform, LocalLightRecord};
 
 fn module(name: &str, text: &str) -> naga::Module {
@@ -25,10 +26,10 @@ fn module(name: &str, text: &str) -> naga::Module {
 }
 
 fn interfaces() -> impl Iterator<Item = Interface> {
-    (0..64u32).map(|bits| {
+    (0..128u32).map(|bits| {
         let bit = |at: u32| bits >> at & 1 == 1;
         let attributes = VertexLayout { tangent: bit(0), uv0: bit(1), uv1: bit(2), color: bit(3) };
-        Interface { attributes, lit: bit(4), lamps: bit(5) }
+        Interface { attributes, lit: bit(4), lamps: bit(5), shadows: bit(6) }
     })
 }
 
@@ -38,6 +39,7 @@ fn every_shader_validates() {
         module("opaque", &surface(interface, opaque::SOURCE));
         module("transparent", &surface(interface, transparent::SOURCE));
         module("occluder/vertices", &surface(interface, ""));
+        module("shadow", &surface(interface, shadow::SOURCE));
     }
     module("tonemap", &screen(include_str!("../pass/tonemap.wgsl")));
     module("enlarge", &screen(include_str!("../pass/enlarge.wgsl")));
@@ -52,7 +54,7 @@ fn every_shader_validates() {
 
 #[test]
 fn uniforms_match_their_twins() {
-    let interface = Interface { lit: true, lamps: true, ..Interface::default() };
+    let interface = Interface { lit: true, lamps: true, shadows: true, ..Interface::default() };
     let opaque = module("opaque", &surface(interface, opaque::SOURCE));
     let correct = module("correct", include_str!("../pass/correct.wgsl"));
     let check = |name: &str, size: usize, offsets: &[(&str, usize)]| {
@@ -101,6 +103,9 @@ fn uniforms_match_their_twins() {
         direction,
         cone
     );
+    twin!("Shadows", ShadowUniform, middle, is_soft, error, suns);
+    twin!("SunShadow", SunShadowRecord, right, count, up, toward, cascades);
+    twin!("Cascade", CascadeRecord, offset, scale, radius, texel, layer);
     twin!(
         "Material",
         MaterialUniform,

@@ -1,0 +1,64 @@
+//! What passes over a scene draw with.
+
+use crate::draw_list::{Draw, DrawList};
+use crate::scene::GpuScene;
+use crate::view::ViewDesc;
+
+/// What the passes draw with.
+pub(crate) struct DrawContext<'a> {
+    pub(super) scene: &'a GpuScene,
+    /// In the order of the scene's keys; what has none is not drawn.
+    pub(super) pipelines: Vec<Option<&'a wgpu::RenderPipeline>>,
+    /// The pipelines read materials.
+    pub(super) has_materials: bool,
+    pub(super) views: Vec<&'a ViewDesc>,
+    pub lists: &'a [DrawList],
+    pub(super) group: wgpu::BindGroup,
+    /// Of each view; empty where no light casts shadows.
+    pub(super) shadows: Vec<wgpu::BindGroup>,
+    pub(super) instances: &'a wgpu::Buffer,
+    pub(super) uniform_stride: u32,
+    pub(super) lamp_stride: u32,
+    /// No more indices of a geometry than this are drawn.
+    pub(super) index_count_max: u32,
+}
+
+impl DrawContext<'_> {
+    /// Encodes draws of one view; sets only what changes from draw to draw.
+    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, view: usize, draws: &[Draw]) {
+        if draws.is_empty() {
+            return;
+        }
+        let [x, y, width, height] = self.views[view].viewport.map(|number| number as f32);
+        pass.set_viewport(x, y, width, height, 0.0, 1.0);
+        let [x, y, width, height] = self.lists[view].rectangle;
+        pass.set_scissor_rect(x, y, width, height);
+        let index = view as u32;
+        let offsets = [index * self.uniform_stride, index * self.lamp_stride];
+        pass.set_bind_group(0, &self.group, &offsets);
+        if let Some(shadows) = self.shadows.get(view) {
+            pass.set_bind_group(1, shadows, &[]);
+        }
+        pass.set_vertex_buffer(1, self.instances.slice(..));
+        let (mut pipeline, mut material, mut geometry) = (None, None, None);
+        for draw in draws {
+            let batch = &self.scene.layout.batches[draw.batch as usize];
+            let Some(with) = self.pipelines[draw.pipeline as usize] else { continue };
+            if pipeline.replace(draw.pipeline) != Some(draw.pipeline) {
+                pass.set_pipeline(with);
+            }
+            if self.has_materials && material.replace(batch.material) != Some(batch.material) {
+                pass.set_bind_group(2, &self.scene.materials[batch.material as usize], &[]);
+            }
+            let shape = &self.scene.geometries[batch.geometry as usize];
+            if geometry.replace(batch.geometry) != Some(batch.geometry) {
+                pass.set_vertex_buffer(0, shape.vertices.slice(..shape.vertex_bytes));
+                let indices = shape.indices.slice(shape.first_index_byte..);
+                pass.set_index_buffer(indices, shape.index_format);
+            }
+            let [start, count] = draw.indices;
+            let indices = start..start + count.min(self.index_count_max);
+            pass.draw_indexed(indices, 0, draw.first..draw.first + draw.count);
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! What the shaders read of the maps of directional lights.
+
+use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+
+use super::shadow_cascades::{CASCADES_MAX, Cascade, MAP_SIDE};
+use super::view::{SUNS_MAX, ShadowFilter, ViewDesc};
+
+/// Twin of `Shadows` in `include/shadow.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct ShadowUniform {
+    /// The point between the viewer's eyes, relative to the eye, in world axes.
+    pub middle: [f32; 3],
+    pub is_soft: u32,
+    /// The allowed error: in radians, and in units of the world.
+    pub error: [f32; 2],
+    pub pad: [f32; 2],
+    pub suns: [SunShadowRecord; SUNS_MAX],
+}
+
+/// Twin of `SunShadow` in `include/shadow.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct SunShadowRecord {
+    pub right: [f32; 3],
+    /// The number of its maps; 0 if it casts no shadow.
+    pub count: u32,
+    pub up: [f32; 3],
+    pub pad0: f32,
+    /// Towards the light, over the depth of the scene.
+    pub toward: [f32; 3],
+    pub pad1: f32,
+    /// Finest first.
+    pub cascades: [CascadeRecord; CASCADES_MAX],
+}
+
+/// Twin of `Cascade` in `include/shadow.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct CascadeRecord {
+    /// The eye's place in the map, and its depth.
+    pub offset: [f32; 3],
+    /// Of the map's side, to a unit of the world.
+    pub scale: f32,
+    pub radius: f32,
+    pub texel: f32,
+    pub layer: u32,
+    pub pad: u32,
+}
+
+impl ShadowUniform {
+    /// No shadows.
+    pub fn none() -> Self {
+        Self::default()
+    }
+
+    /// The maps of a view: for each light its widest map's layer and its maps, widest first.
+    pub fn new(view: &ViewDesc, suns: &[Option<(u32, Vec<Cascade>)>]) -> Self {
+        let error = &view.allowed_error;
+        let mut uniform = Self {
+            middle: (view.middle_eye_in_world - view.eye_in_world).as_vec3().to_array(),
+            is_soft: u32::from(view.shadows == ShadowFilter::Soft),
+            error: [error.angle_rad as f32, error.length as f32],
+            ..Self::default()
+        };
+        for (record, sun) in uniform.suns.iter_mut().zip(suns) {
+            if let Some((layer, cascades)) = sun {
+                *record = SunShadowRecord::new(*layer, cascades, view.eye_in_world);
+            }
+        }
+        uniform
+    }
+}
+
+impl SunShadowRecord {
+    fn new(layer: u32, cascades: &[Cascade], eye: DVec3) -> Self {
+        let Some(widest) = cascades.first() else { return Self::default() };
+        let mut record = Self {
+            right: widest.basis.right.as_vec3().to_array(),
+            count: cascades.len() as u32,
+            up: widest.basis.up.as_vec3().to_array(),
+            toward: (widest.basis.toward / widest.depth).as_vec3().to_array(),
+            ..Self::default()
+        };
+        let widest_first: Vec<_> = (layer..).zip(cascades).collect();
+        for (to, (layer, of)) in record.cascades.iter_mut().zip(widest_first.into_iter().rev()) {
+            *to = CascadeRecord {
+                offset: of.place_of(eye).as_vec3().to_array(),
+                scale: (1.0 / (f64::from(MAP_SIDE) * of.texel)) as f32,
+                radius: of.radius.min(f64::from(f32::MAX)) as f32,
+                texel: of.texel as f32,
+                layer,
+                pad: 0,
+            };
+        }
+        record
+    }
+}

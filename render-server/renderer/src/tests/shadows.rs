@@ -1,0 +1,368 @@
+//! Shadows of directional lights, against rays that are cast from each pixel in f64.
+
+use glam::{DAffine3, DQuat, DVec3, DVec4, Vec2, Vec3, Vec4};
+use polyptych_renderer::{DrawStats, Renderer, Target, read_pixels};
+use polyptych_scene::{AlphaMode, Light, LightKind, Material, NodeId, SceneSubset};
+
+use super::harness::{
+    MeshFixture, SceneFixture, differences, draw, draw_sampled, gpu, look, matt, pixel,
+};
+use crate::scene::Bounds;
+use crate::{GpuScene, ShadowFilter, ViewDesc};
+
+const SIZE: [u32; 2] = [320, 240];
+
+/// Half of the floor's side, in metres.
+const FLOOR: f64 = 60.0;
+
+/// A cube of half sides 1 around its origin.
+fn cube() -> MeshFixture {
+    let mut shape = MeshFixture::default();
+    for (n, t) in [
+        (Vec3::X, Vec3::Y),
+        (Vec3::NEG_X, Vec3::Z),
+        (Vec3::Y, Vec3::Z),
+        (Vec3::NEG_Y, Vec3::X),
+        (Vec3::Z, Vec3::X),
+        (Vec3::NEG_Z, Vec3::Y),
+    ] {
+        let first = shape.vertices.len() as u32;
+        for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+            shape.push(n + t * x + n.cross(t) * y, n, t, Vec2::ZERO);
+        }
+        shape.indices.extend([0, 1, 2, 0, 2, 3].map(|at| first + at));
+    }
+    shape
+}
+
+/// Boxes on a floor, and one that hovers.
+fn boxes() -> Vec<Bounds> {
+    let around = |center: [f64; 3], half: [f64; 3]| {
+        let (center, half) = (DVec3::from(center), DVec3::from(half));
+        Bounds { min: center - half, max: center + half }
+    };
+    vec![
+        around([0.0, 1.0, 0.0], [1.0, 1.0, 1.0]),
+        around([3.5, 2.0, -2.0], [0.4, 2.0, 0.4]),
+        around([-3.0, 0.6, 1.5], [0.6, 0.6, 1.2]),
+        around([-1.0, 4.0, -3.0], [2.0, 0.1, 1.0]),
+        around([14.0, 3.0, -12.0], [1.0, 3.0, 1.0]),
+    ]
+}
+
+/// The direction towards a sun so high over the horizon.
+fn toward(elevation_deg: f64, azimuth_deg: f64) -> DVec3 {
+    let (up, across) = elevation_deg.to_radians().sin_cos();
+    let (x, z) = azimuth_deg.to_radians().sin_cos();
+    DVec3::new(x * across, up, z * across)
+}
+
+fn sun(stage: &mut SceneFixture, toward: DVec3) {
+    let light =
+        Light { kind: LightKind::Directional, color: Vec3::ONE, intensity: 3.0, range: None };
+    stage.light(light, DAffine3::from_quat(DQuat::from_rotation_arc(DVec3::NEG_Z, -toward)));
+}
+
+/// Boxes of a material on a matt floor, without light but that of a sun; the floor is the first
+/// node, and all of it stands around a place.
+fn town(place: DVec3, of_boxes: Material, suns: &[DVec3]) -> SceneFixture {
+    let mut stage = SceneFixture::new();
+    stage.desc.sky = Vec3::ZERO;
+    let grey = stage.material(matt(0.6, 0.6, 0.6));
+    let of_boxes = stage.material(of_boxes);
+    let floor = stage.mesh(&MeshFixture::rectangle(FLOOR as f32, FLOOR as f32), Some(grey));
+    let shape = stage.mesh(&cube(), Some(of_boxes));
+    let flat = DAffine3::from_rotation_x(-std::f64::consts::FRAC_PI_2);
+    stage.node(floor, DAffine3::from_translation(place) * flat);
+    for of in boxes() {
+        let (half, at) = (of.half(), place + of.center());
+        stage.node(shape, DAffine3::from_scale_rotation_translation(half, DQuat::IDENTITY, at));
+    }
+    for toward in suns {
+        sun(&mut stage, *toward);
+    }
+    stage
+}
+
+fn grey() -> Material {
+    matt(0.6, 0.6, 0.6)
+}
+
+fn view(place: DVec3) -> ViewDesc {
+    look(place + DVec3::new(3.0, 5.0, 11.0), place + DVec3::new(0.0, 0.5, -1.0), SIZE)
+}
+
+/// The distance along a ray at which it enters a box.
+fn entry(of: &Bounds, origin: DVec3, ray: DVec3) -> Option<f64> {
+    let (a, b) = ((of.min - origin) / ray, (of.max - origin) / ray);
+    let (near, far) = (a.min(b).max_element(), a.max(b).min_element());
+    (near <= far && near > 0.0).then_some(near)
+}
+
+/// The first surface along a ray: its place, and its normal.
+fn hit(origin: DVec3, ray: DVec3) -> Option<(DVec3, DVec3)> {
+    let floor = Some(-origin.y / ray.y).filter(|along| *along > 0.0);
+    let floor = floor.map(|along| (along, DVec3::Y));
+    let floor = floor.filter(|(along, _)| (origin + ray * *along).abs().max_element() <= FLOOR);
+    let boxes = boxes().into_iter().filter_map(|of| {
+        let along = entry(&of, origin, ray)?;
+        let from = (origin + ray * along - of.center()) / of.half();
+        let axis = from.abs().max_position();
+        let mut normal = DVec3::ZERO;
+        normal[axis] = from[axis].signum();
+        Some((along, normal))
+    });
+    let nearest = boxes.chain(floor).min_by(|a, b| a.0.total_cmp(&b.0));
+    nearest.map(|(along, normal)| (origin + ray * along, normal))
+}
+
+/// The light of a pixel that a ray finds: `None` where it is dark whatever is in its way.
+fn is_lit(view: &ViewDesc, place: DVec3, toward: DVec3, [x, y]: [u32; 2]) -> Option<bool> {
+    let [width, height] = SIZE.map(f64::from);
+    let ndc = [(f64::from(x) + 0.5) / width * 2.0 - 1.0, 1.0 - (f64::from(y) + 0.5) / height * 2.0];
+    let in_view = view.clip_from_view.inverse() * DVec4::new(ndc[0], ndc[1], 1.0, 1.0);
+    let ray = view.view_from_world.transpose() * (in_view.truncate() / in_view.w);
+    let (at, normal) = hit(view.eye_in_world - place, ray)?;
+    let above = at + normal * 1e-6;
+    let is_free = || boxes().iter().all(|of| entry(of, above, toward).is_none());
+    (normal.dot(toward) > 1e-6).then(is_free)
+}
+
+/// Pixels that are wrong, and those that a sun could light.
+fn wrong(toward: DVec3, place: DVec3, filter: ShadowFilter) -> [usize; 2] {
+    let scene = town(place, grey(), &[toward]).build();
+    let view = ViewDesc { shadows: filter, ..view(place) };
+    let got = draw(&scene, SIZE, &view);
+    let bright = draw(&scene, SIZE, &ViewDesc { shadows: ShadowFilter::Off, ..view.clone() });
+    let mut counts = [0; 2];
+    for (x, y) in (0..SIZE[0]).flat_map(|x| (0..SIZE[1]).map(move |y| (x, y))) {
+        let Some(wanted) = is_lit(&view, place, toward, [x, y]) else { continue };
+        let [got, bright] = [&got, &bright].map(|of| f64::from(pixel(of, SIZE, x, y)[0]));
+        // The code of half of the light.
+        counts[0] += usize::from(wanted != (got > 0.73 * bright));
+        counts[1] += 1;
+    }
+    counts
+}
+
+#[test]
+fn shadows_are_where_rays_find_them() {
+    for (filter, most) in [(ShadowFilter::Hard, 0.004), (ShadowFilter::Soft, 0.0075)] {
+        let (mut worst, mut report): (f64, String) = Default::default();
+        for elevation in [90.0, 75.0, 50.0, 30.0, 15.0] {
+            for azimuth in [20.0, 140.0, 260.0] {
+                let [wrong, all] = wrong(toward(elevation, azimuth), DVec3::ZERO, filter);
+                let share = wrong as f64 / all as f64;
+                report += &format!("{filter:?} {elevation}° {azimuth}°: {wrong} of {all}\n");
+                worst = worst.max(share);
+            }
+        }
+        println!("{report}{filter:?}: at most {:.3} %", worst * 100.0);
+        assert!(worst < most, "{report}{filter:?}: {worst} of the pixels are wrong");
+    }
+}
+
+#[test]
+fn what_the_sun_meets_first_has_no_shadow_of_its_own() {
+    for elevation in [90.0, 60.0, 30.0, 10.0, 4.0] {
+        let mut stage = SceneFixture::new();
+        stage.desc.sky = Vec3::ZERO;
+        let grey = stage.material(grey());
+        let floor = stage.mesh(&MeshFixture::rectangle(FLOOR as f32, FLOOR as f32), Some(grey));
+        let ball = stage.mesh(&MeshFixture::sphere(48), Some(grey));
+        let toward = toward(elevation, 140.0);
+        stage.node(floor, DAffine3::from_rotation_x(-std::f64::consts::FRAC_PI_2));
+        sun(&mut stage, toward);
+        let soft = view(DVec3::ZERO);
+        let off = ViewDesc { shadows: ShadowFilter::Off, ..soft.clone() };
+        let flat = stage.build();
+        let changed = differences(&draw(&flat, SIZE, &soft), &draw(&flat, SIZE, &off));
+        assert_eq!(changed[1], 0, "{elevation}°: a plane has stripes: {changed:?}");
+        // A ball over it, seen from the sun's side: all of its light is there but at the edge.
+        stage.node(ball, DAffine3::from_translation(DVec3::Y * 3.0));
+        let eye = DVec3::Y * 3.0 + toward * 3.0;
+        let near = look(eye, DVec3::Y * 3.0, SIZE);
+        let off = ViewDesc { shadows: ShadowFilter::Off, ..near.clone() };
+        let round = stage.build();
+        let [_, _, changed] = differences(&draw(&round, SIZE, &near), &draw(&round, SIZE, &off));
+        println!("{elevation}°: {changed} of {}", SIZE[0] * SIZE[1]);
+        assert!(changed < 800, "{elevation}°: {changed}");
+    }
+}
+
+/// One renderer, one target, frame after frame.
+struct Stage {
+    renderer: Renderer,
+    target: Target,
+    scene: GpuScene,
+}
+
+impl Stage {
+    fn new(scene: GpuScene, size: [u32; 2]) -> Self {
+        let mut renderer = Renderer::new(gpu(), 1).unwrap();
+        renderer.prepare(gpu(), &scene);
+        let target = Target::new(gpu(), size, 1, scene.has_transparency()).unwrap();
+        Self { renderer, target, scene }
+    }
+
+    fn draw(&mut self, view: &ViewDesc) -> (Vec<[u8; 4]>, DrawStats) {
+        let views = std::slice::from_ref(view);
+        let stats = self.renderer.draw(gpu(), &self.scene, &mut self.target, views).unwrap();
+        let pixels = read_pixels(gpu(), &self.target).unwrap();
+        (pixels.as_chunks::<4>().0.to_vec(), stats)
+    }
+}
+
+#[test]
+fn tiles_have_the_shadows_of_one_camera() {
+    let place = DVec3::ZERO;
+    let scene = town(place, grey(), &[toward(35.0, 140.0), toward(60.0, 250.0)]).build();
+    let view = view(place);
+    let whole = draw(&scene, SIZE, &view);
+    let tile = [SIZE[0] / 2, SIZE[1] / 2];
+    let mut total = [0; 3];
+    for [x, y] in [[0, 0], [tile[0], 0], [0, tile[1]], tile] {
+        let [width, height] = SIZE.map(f64::from);
+        let viewport = [-f64::from(x), -f64::from(y), width, height];
+        let got = draw(&scene, tile, &ViewDesc { viewport, ..view.clone() });
+        let places = (0..tile[1]).flat_map(|row| (0..tile[0]).map(move |column| [column, row]));
+        let wanted: Vec<_> =
+            places.map(|[left, top]| pixel(&whole, SIZE, x + left, y + top)).collect();
+        for (sum, count) in total.iter_mut().zip(differences(&got, &wanted)) {
+            *sum += count;
+        }
+    }
+    println!("{total:?} of {}", whole.len());
+    assert!(total[0] * 200 <= whole.len(), "{total:?}: more than 0.5 % differ");
+    assert!(total[2] * 50_000 <= whole.len(), "{total:?}: more than 20 ppm by more than 8");
+}
+
+#[test]
+fn what_is_beside_the_channel_casts_its_shadow_into_it() {
+    // The pole at the back, with a low sun behind it: only its shadow is in the picture.
+    let place = DVec3::ZERO;
+    let low = DVec3::new(14.0, 6.0, -12.0) - DVec3::new(7.0, 0.0, -6.0);
+    let scene = town(place, grey(), &[low.normalize()]).build();
+    let down = look(DVec3::new(9.0, 3.0, -7.7), DVec3::new(9.0, 0.0, -7.71), SIZE);
+    let (lit, stats) = draw_sampled(&scene, SIZE, 1, std::slice::from_ref(&down));
+    assert_eq!(stats.visible, 1, "only the floor is seen");
+    let dark = lit.iter().filter(|of| of[0] == 0).count();
+    let bright = lit.iter().filter(|of| of[0] > 100).count();
+    println!("{dark} dark and {bright} bright of {}", lit.len());
+    assert!(dark * 20 > lit.len() && bright * 5 > lit.len(), "{dark} and {bright}");
+}
+
+#[test]
+fn a_viewer_who_moves_changes_no_edge() {
+    let place = DVec3::new(1234.5, 10.0, -777.7);
+    let scene = town(place, grey(), &[toward(35.0, 140.0)]).build();
+    let mut stage = Stage::new(scene, SIZE);
+    let (first, stats) = stage.draw(&view(place));
+    assert!(stats.shadow_maps >= 2, "{stats:?}");
+    let (mut flickering, mut anew) = (0, 0);
+    for step in 0..40 {
+        // The picture stays; only the viewer whom the maps surround moves, at first by less than
+        // a texel, then through cells.
+        let by = 0.003 * 1.25f64.powi(step);
+        let eye = view(place).eye_in_world + DVec3::new(0.3, 0.1, -0.5) * by.min(1.0);
+        let moved = ViewDesc { middle_eye_in_world: eye, ..view(place) };
+        let (got, stats) = stage.draw(&moved);
+        anew += stats.shadow_maps;
+        let is_class = |of: &[u8; 4]| of[0] > 100;
+        // Where two maps are mixed, the part of each goes with the distance.
+        flickering += got.iter().zip(&first).filter(|(a, b)| is_class(a) != is_class(b)).count();
+    }
+    println!("{flickering} flickering, {anew} maps drawn anew");
+    assert!(anew > 0, "no cell was left");
+    assert_eq!(flickering, 0);
+}
+
+#[test]
+fn maps_are_kept_while_nothing_changes_and_do_not_depend_on_the_past() {
+    let place = DVec3::ZERO;
+    let stage = town(place, grey(), &[toward(50.0, 20.0)]);
+    let mut one = Stage::new(stage.build(), SIZE);
+    let (first, stats) = one.draw(&view(place));
+    assert!(stats.shadow_maps > 0);
+    let (again, stats) = one.draw(&view(place));
+    assert_eq!((stats.shadow_maps, differences(&again, &first)), (0, [0; 3]));
+    // A walk, and back again; another renderer has never been elsewhere.
+    for step in 1..6 {
+        let to = DVec3::new(f64::from(step), 0.0, 0.0);
+        one.draw(&ViewDesc { eye_in_world: view(place).eye_in_world + to, ..view(place) });
+        let moved = ViewDesc { middle_eye_in_world: view(place).eye_in_world + to, ..view(place) };
+        let got = one.draw(&moved).0;
+        assert_eq!(differences(&got, &draw(&stage.build(), SIZE, &moved)), [0; 3], "step {step}");
+    }
+    assert_eq!(differences(&one.draw(&view(place)).0, &first), [0; 3]);
+    // Another scene on the same renderer.
+    let mut higher = town(place, grey(), &[toward(50.0, 20.0)]);
+    higher.desc.nodes[1].local.translation.y += 1.0;
+    one.scene = higher.build();
+    let (got, stats) = one.draw(&view(place));
+    assert!(stats.shadow_maps > 0 && differences(&got, &first)[2] > 100);
+    let off = ViewDesc { shadows: ShadowFilter::Off, ..view(place) };
+    assert_eq!(one.draw(&off).1.shadow_maps, 0);
+}
+
+#[test]
+fn scenes_without_suns_of_their_own_have_no_maps() {
+    let dark = town(DVec3::ZERO, grey(), &[]).build();
+    assert!(dark.layout.keys.iter().all(|key| !key.shadows));
+    let (pixels, stats) = draw_sampled(&dark, SIZE, 1, &[view(DVec3::ZERO)]);
+    assert_eq!(stats.shadow_maps, 0);
+    let off = ViewDesc { shadows: ShadowFilter::Off, ..view(DVec3::ZERO) };
+    assert_eq!(differences(&pixels, &draw(&dark, SIZE, &off)), [0; 3]);
+}
+
+/// Pixels that are darker than without shadows.
+fn shadowed(scene: &GpuScene, view: &ViewDesc) -> usize {
+    let off = ViewDesc { shadows: ShadowFilter::Off, ..view.clone() };
+    let (got, bright) = (draw(scene, SIZE, view), draw(scene, SIZE, &off));
+    got.iter().zip(&bright).filter(|(got, bright)| got[1] + 50 < bright[1]).count()
+}
+
+#[test]
+fn masks_cast_where_they_are_and_blends_cast_nothing() {
+    let with = |alpha_mode, alpha: f32| {
+        let base_color = Vec4::new(0.6, 0.6, 0.6, alpha);
+        let material = Material { base_color, alpha_mode, ..grey() };
+        shadowed(&town(DVec3::ZERO, material, &[toward(40.0, 140.0)]).build(), &view(DVec3::ZERO))
+    };
+    let solid = with(AlphaMode::Opaque, 1.0);
+    assert!(solid > 2000, "{solid}");
+    assert_eq!(with(AlphaMode::Mask(0.5), 0.6), solid);
+    assert_eq!(with(AlphaMode::Mask(0.5), 0.4), 0);
+    assert_eq!(with(AlphaMode::Blend, 0.9), 0);
+}
+
+#[test]
+fn what_a_view_does_not_show_casts_no_shadow_in_it() {
+    let scene = town(DVec3::ZERO, grey(), &[toward(40.0, 140.0)]).build();
+    let all = view(DVec3::ZERO);
+    let only = SceneSubset { root: Some(NodeId(0)), layers: None };
+    let floor = ViewDesc { subset: only, ..all.clone() };
+    assert!(shadowed(&scene, &all) > 2000);
+    assert_eq!(shadowed(&scene, &floor), 0);
+    // Side by side in one picture, of one eye: each has its own.
+    let [left, right] = [[0, 0, 160, 240], [160, 0, 160, 240]].map(Some);
+    let halves =
+        [ViewDesc { scissor: left, ..all.clone() }, ViewDesc { scissor: right, ..floor.clone() }];
+    let both = draw_sampled(&scene, SIZE, 1, &halves).0;
+    let [all, floor] = [all, floor].map(|view| draw(&scene, SIZE, &view));
+    for (x, y) in (0..SIZE[0]).flat_map(|x| (0..SIZE[1]).map(move |y| (x, y))) {
+        let wanted = pixel(if x < 160 { &all } else { &floor }, SIZE, x, y);
+        assert_eq!(pixel(&both, SIZE, x, y), wanted, "{x}, {y}");
+    }
+}
+
+#[test]
+fn shadows_far_from_the_origin_look_the_same() {
+    let toward = toward(35.0, 140.0);
+    let at = |place| draw(&town(place, grey(), &[toward]).build(), SIZE, &view(place));
+    let (near, far) = (at(DVec3::ZERO), at(DVec3::new(1e7, -2.5e6, 0.75e7)));
+    // The grid of the maps stands elsewhere under the scene: edges differ by parts of a texel.
+    let [_, _, more_than_8] = differences(&near, &far);
+    println!("{more_than_8} of {} by more than 8 levels", near.len());
+    assert!(more_than_8 * 200 <= near.len(), "{more_than_8}");
+}
