@@ -2,12 +2,16 @@
 
 use glam::{DMat3, DMat4, DVec3};
 use polyptych_protocol::command::Frame;
-use polyptych_renderer::{AllowedError, ShadowFilter, ViewDesc};
+use polyptych_renderer::{AllowedError, ViewDesc};
 use polyptych_scene::{NodeId, Scene, SceneSubset};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::limits::VIEWS_MAX;
 use polyptych_wall::view::{View, ViewProjection, ViewRect};
 use polyptych_wall::{ChannelId, Eye, Wall};
+
+/// Views of a frame that have shadows, the first ones: a camera's maps take up to 256 MiB. Which
+/// ones a channel shows does not matter, so that all channels agree.
+const SHADOWED_VIEWS_MAX: usize = 4;
 
 /// From where, and onto which pixels, a channel or a part of it is seen.
 #[derive(Clone, Copy, Debug)]
@@ -74,7 +78,7 @@ impl ViewTransform {
             exposure: frame.presentation.exposure,
             subset: SceneSubset { root: view.root.map(NodeId), layers: view.layers.clone() },
             allowed_error,
-            shadows: ShadowFilter::default(),
+            has_shadows: number < SHADOWED_VIEWS_MAX,
         }
     }
 }

@@ -307,7 +307,8 @@ impl RenderThread {
     }
 
     /// A wall of other samples needs other pipelines.
-    fn use_samples(&mut self, samples: u32) -> Result<(), String> {
+    fn use_wall(&mut self, wall: &Wall) -> Result<(), String> {
+        let samples = wall.samples;
         if self.renderer.samples() != samples {
             self.renderer = self.drawing.renderer(&self.gpu, samples)?;
             let states: Vec<_> =
@@ -316,6 +317,7 @@ impl RenderThread {
                 self.prepare(&state, &scene);
             }
         }
+        self.renderer.set_shadows(wall.shadows);
         Ok(())
     }
 

@@ -180,7 +180,7 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
         exposure: 1.0,
         subset: polyptych_scene::SceneSubset::default(),
         allowed_error: polyptych_renderer::AllowedError::NONE,
-        shadows: polyptych_renderer::ShadowFilter::Off,
+        has_shadows: false,
     };
     let (whole, part) = (view([0, 0, SIZE[0], SIZE[1]]), view(plane.rect));
     let mut times = [const { Vec::new() }; 4];

@@ -63,7 +63,7 @@ fn look(eye: DVec3, at: DVec3) -> ViewDesc {
         exposure: 1.0,
         subset: SceneSubset::default(),
         allowed_error: AllowedError::NONE,
-        shadows: polyptych_renderer::ShadowFilter::Off,
+        has_shadows: false,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{AlphaMode, Scene, Topology};
+use super::{AlphaMode, Light, Scene, Topology};
 
 /// Derived from the manifest when a scene is opened, logged, and reported.
 ///
@@ -27,6 +27,9 @@ pub struct SceneFeatures {
     pub instances: bool,
     /// Points or lines.
     pub points_or_lines: bool,
+    /// Directional lights of its own: maps of what they reach.
+    #[serde(default)]
+    pub sun_shadows: bool,
 }
 
 impl SceneFeatures {
@@ -50,6 +53,10 @@ impl SceneFeatures {
             lights: scene.nodes.iter().any(|node| node.light.is_some()),
             instances: uses.iter().any(|&count| count > 1),
             points_or_lines: primitives().any(|p| p.topology != Topology::Triangles),
+            sun_shadows: scene.nodes.iter().any(|node| {
+                let light = node.light.and_then(|light| scene.lights.get(light as usize));
+                light.is_some_and(Light::casts_shadows)
+            }),
         }
     }
 
@@ -65,6 +72,7 @@ impl SceneFeatures {
             (self.lights, "lights"),
             (self.instances, "instances"),
             (self.points_or_lines, "points_or_lines"),
+            (self.sun_shadows, "sun_shadows"),
         ]
         .into_iter()
         .filter_map(|(needed, name)| needed.then_some(name))

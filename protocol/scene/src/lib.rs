@@ -133,6 +133,13 @@ pub struct Light {
     pub range: Option<f32>,
 }
 
+impl Light {
+    /// Returns whether what it does not reach lies in shadow: directional lights that shine.
+    pub fn casts_shadows(&self) -> bool {
+        self.kind == LightKind::Directional && self.color * self.intensity != Vec3::ZERO
+    }
+}
+
 /// The three kinds of `KHR_lights_punctual`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum LightKind {

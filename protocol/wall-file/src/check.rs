@@ -78,6 +78,7 @@ pub(super) fn wall(source: &SourceText<'_>, document: &Document) -> Result<Wall,
         stores,
         scenes,
         budget,
+        shadows: document.wall.shadows,
     })
 }
 

@@ -20,7 +20,9 @@ use polyptych_wall::limits::{
     PORT_DEFAULT,
 };
 use polyptych_wall::viewpoint::STEREO_ERROR_DEFAULT_PX;
-use polyptych_wall::{BlendConfig, EYE_SEPARATION_DEFAULT_M, NEAR_DEFAULT_M, StereoMode};
+use polyptych_wall::{
+    BlendConfig, EYE_SEPARATION_DEFAULT_M, NEAR_DEFAULT_M, ShadowFilter, StereoMode,
+};
 
 /// A wall: the screens of a display system and the channels that tile them. Lengths are in
 /// metres of display space (+X right, +Y up, the viewer looks along −Z), angles in degrees.
@@ -87,6 +89,10 @@ pub struct WallSection {
     /// Whether codes are dithered where a channel's light is corrected.
     #[serde(default)]
     pub dither: bool,
+    /// The shadows of a scene's directional lights: "soft", "hard", whose edges are as jagged as
+    /// the maps of shadows, or "off".
+    #[serde(default)]
+    pub shadows: ShadowFilter,
 }
 
 /// How channels share the light of a place that several of them light.

@@ -36,6 +36,7 @@ pub fn to_toml(wall: &Wall) -> String {
             stereo: wall.stereo.mode,
             stereo_error: wall.stereo.error_max_px,
             dither: wall.dither,
+            shadows: wall.shadows,
         },
         deadline: DeadlineSection {
             factor: wall.deadline.factor,

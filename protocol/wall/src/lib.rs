@@ -27,6 +27,7 @@ mod pixel_density;
 pub mod projector;
 pub mod region;
 pub mod screen;
+mod shadow_filter;
 pub mod surface;
 pub mod surface_sample;
 pub mod tour;
@@ -50,6 +51,7 @@ pub use channel_calibration::{
     StereoPacking, TransferFunction,
 };
 pub use screen::{Bezel, Screen};
+pub use shadow_filter::ShadowFilter;
 pub use surface::Surface;
 pub use viewpoint::{StereoMode, StereoRule, Viewpoint};
 
@@ -108,6 +110,9 @@ pub struct Wall {
     /// The memory that each server may take for the open scene.
     #[serde(default)]
     pub budget: MemoryBudget,
+    /// The shadows of a scene's directional lights.
+    #[serde(default)]
+    pub shadows: ShadowFilter,
 }
 
 /// The memory that each server may take for the open scene; `None` for no limit.
@@ -243,6 +248,7 @@ impl Wall {
             stores: Vec::new(),
             scenes: Vec::new(),
             budget: MemoryBudget::default(),
+            shadows: ShadowFilter::default(),
         }
     }
 

@@ -29,7 +29,7 @@ use super::pipeline::{InstanceRecord, Pipelines};
 use super::scene::GpuScene;
 use super::target::Target;
 use super::tone::{LIGHT_MAX, tone_map};
-use super::view::{AllowedError, FrameUniform, LocalLightRecord, ShadowFilter, ViewDesc};
+use super::view::{AllowedError, FrameUniform, LocalLightRecord, ViewDesc};
 use super::{DrawError, DrawStats, albedo};
 use begun_frame::ShownView;
 pub use begun_frame::{BegunFrame, SubmittedFrame};
@@ -279,7 +279,7 @@ impl FrameResources {
             exposure: 1.0,
             subset: SceneSubset::default(),
             allowed_error: AllowedError::NONE,
-            shadows: ShadowFilter::Off,
+            has_shadows: false,
         };
         let opaque = samples_of(scene);
         let lists = [DrawList { rectangle: [0, 0, 1, 1], opaque, ..DrawList::default() }];

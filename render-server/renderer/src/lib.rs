@@ -57,9 +57,11 @@ pub use scene::{
 };
 pub use target::{Target, TargetError};
 pub use text::rasterize;
-pub use view::{AllowedError, ShadowFilter, ViewDesc};
+pub use view::{AllowedError, ViewDesc};
 
 use std::time::{Duration, Instant};
+
+use polyptych_wall::ShadowFilter;
 
 /// Why a frame was not drawn.
 #[derive(Debug, thiserror::Error)]
@@ -169,6 +171,12 @@ impl Renderer {
     /// Sets when items that others hide are left out; no picture depends on it.
     pub fn set_occlusion(&mut self, occlusion: OcclusionCulling) {
         self.occlusion = occlusion;
+    }
+
+    /// Sets what edges shadows have. Scenes are to be prepared with it before they are drawn.
+    pub fn set_shadows(&mut self, shadows: ShadowFilter) {
+        self.pipelines.shadows = shadows;
+        self.shadows.is_off = shadows == ShadowFilter::Off;
     }
 
     /// Samples per pixel.

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use polyptych_scene::{Topology, VertexLayout};
+use polyptych_wall::ShadowFilter;
 
 use super::bindings;
 use super::gpu::Gpu;
@@ -66,11 +67,16 @@ pub(crate) struct PipelineKey {
     pub lamps: bool,
     /// Into the float target, which is tone-mapped later.
     pub linear: bool,
-    /// The scene has lights that cast shadows.
-    pub shadows: bool,
+    /// Off where the scene has no light that casts shadows.
+    pub shadows: ShadowFilter,
 }
 
 impl PipelineKey {
+    /// Returns whether lights cast shadows.
+    pub fn has_shadows(&self) -> bool {
+        self.shadows != ShadowFilter::Off
+    }
+
     fn interface(&self) -> Interface {
         let m = &self.material;
         let slots = [m.base_color, m.metallic_roughness, m.normal, m.occlusion, m.emissive];
@@ -80,7 +86,7 @@ impl PipelineKey {
             uv1: slots.contains(&TextureSlot::Uv1),
             color: self.layout.color,
         };
-        let (lamps, shadows) = (self.lamps && m.lit, self.shadows && m.lit);
+        let (lamps, shadows) = (self.lamps && m.lit, self.has_shadows() && m.lit);
         Interface { attributes, lit: m.lit, lamps, shadows }
     }
 
@@ -107,6 +113,9 @@ impl PipelineKey {
         ];
         if m.alpha != Alpha::Blend {
             constants.push(("TONE_MAPPED", flag(!self.linear)));
+        }
+        if self.interface().shadows {
+            constants.push(("SOFT", flag(self.shadows == ShadowFilter::Soft)));
         }
         constants
     }
@@ -135,6 +144,8 @@ pub(crate) struct Pipelines {
     layout: wgpu::PipelineLayout,
     /// That of scenes with lights that cast shadows.
     layout_with_shadows: wgpu::PipelineLayout,
+    /// Of all scenes that have shadows.
+    pub shadows: ShadowFilter,
     modules: BTreeMap<(Interface, bool), wgpu::ShaderModule>,
     ready: BTreeMap<(PipelineKey, bool), wgpu::RenderPipeline>,
 }
@@ -153,12 +164,13 @@ impl Pipelines {
         };
         let (layout, layout_with_shadows) = (layout(None), layout(Some(&shadow)));
         let (modules, ready) = (BTreeMap::new(), BTreeMap::new());
-        Self { samples, layout, layout_with_shadows, modules, ready }
+        let shadows = ShadowFilter::default();
+        Self { samples, layout, layout_with_shadows, shadows, modules, ready }
     }
 
     /// Makes what is missing for a scene that is drawn onto pictures of this content.
     pub fn prepare(&mut self, gpu: &Gpu, keys: &[PipelineKey], content: ImageEncoding) {
-        for key in keys {
+        for key in &keys.iter().map(|key| self.filtered(key)).collect::<Vec<_>>() {
             let is_float = is_float(key, content);
             if !self.ready.contains_key(&(*key, is_float)) {
                 let pipeline = self.build(gpu, key, is_float);
@@ -168,7 +180,12 @@ impl Pipelines {
     }
 
     pub fn get(&self, key: &PipelineKey, content: ImageEncoding) -> Option<&wgpu::RenderPipeline> {
-        self.ready.get(&(*key, is_float(key, content)))
+        self.ready.get(&(self.filtered(key), is_float(key, content)))
+    }
+
+    /// The key of a scene with the filter in force.
+    fn filtered(&self, key: &PipelineKey) -> PipelineKey {
+        PipelineKey { shadows: if key.has_shadows() { self.shadows } else { key.shadows }, ..*key }
     }
 
     fn build(&mut self, gpu: &Gpu, key: &PipelineKey, is_float: bool) -> wgpu::RenderPipeline {
@@ -205,7 +222,7 @@ impl Pipelines {
         };
         gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(if blended { "transparent/pipeline" } else { "opaque/pipeline" }),
-            layout: Some(if key.shadows { &self.layout_with_shadows } else { &self.layout }),
+            layout: Some(if key.has_shadows() { &self.layout_with_shadows } else { &self.layout }),
             vertex: wgpu::VertexState {
                 module,
                 entry_point: Some("vertex"),

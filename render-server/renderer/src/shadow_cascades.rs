@@ -165,7 +165,7 @@ impl Cascade {
             exposure: 1.0,
             subset: camera.subset.clone(),
             allowed_error: AllowedError::NONE,
-            shadows: camera.shadows,
+            has_shadows: false,
         }
     }
 

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 use super::shadow_cascades::{CASCADES_MAX, Cascade, MAP_SIDE};
-use super::view::{SUNS_MAX, ShadowFilter, ViewDesc};
+use super::view::{SUNS_MAX, ViewDesc};
 
 /// Twin of `Shadows` in `include/shadow.wgsl`.
 #[repr(C)]
@@ -12,10 +12,10 @@ use super::view::{SUNS_MAX, ShadowFilter, ViewDesc};
 pub(crate) struct ShadowUniform {
     /// The point between the viewer's eyes, relative to the eye, in world axes.
     pub middle: [f32; 3],
-    pub is_soft: u32,
+    pub pad0: u32,
     /// The allowed error: in radians, and in units of the world.
     pub error: [f32; 2],
-    pub pad: [f32; 2],
+    pub pad1: [f32; 2],
     pub suns: [SunShadowRecord; SUNS_MAX],
 }
 
@@ -30,7 +30,10 @@ pub(crate) struct SunShadowRecord {
     pub pad0: f32,
     /// Towards the light, over the depth of the scene.
     pub toward: [f32; 3],
-    pub pad1: f32,
+    /// Of the fifth finest map.
+    pub radius4: f32,
+    /// Of the four finest maps; the widest map, and those that are not there, have all points.
+    pub radii: [f32; 4],
     /// Finest first.
     pub cascades: [CascadeRecord; CASCADES_MAX],
 }
@@ -60,7 +63,6 @@ impl ShadowUniform {
         let error = &view.allowed_error;
         let mut uniform = Self {
             middle: (view.middle_eye_in_world - view.eye_in_world).as_vec3().to_array(),
-            is_soft: u32::from(view.shadows == ShadowFilter::Soft),
             error: [error.angle_rad as f32, error.length as f32],
             ..Self::default()
         };
@@ -81,6 +83,8 @@ impl SunShadowRecord {
             count: cascades.len() as u32,
             up: widest.basis.up.as_vec3().to_array(),
             toward: (widest.basis.toward / widest.depth).as_vec3().to_array(),
+            radius4: f32::MAX,
+            radii: [f32::MAX; 4],
             ..Self::default()
         };
         let widest_first: Vec<_> = (layer..).zip(cascades).collect();
@@ -94,6 +98,10 @@ impl SunShadowRecord {
                 pad: 0,
             };
         }
+        let [radii @ .., radius4, _] = record.cascades.map(|of| of.radius);
+        let radius = |at: usize, radius| if at + 1 < cascades.len() { radius } else { f32::MAX };
+        record.radius4 = radius(4, radius4);
+        record.radii = std::array::from_fn(|at| radius(at, radii[at]));
         record
     }
 }

@@ -49,21 +49,8 @@ pub struct ViewDesc {
     pub subset: SceneSubset,
     /// The error up to which coarser levels of detail are drawn.
     pub allowed_error: AllowedError,
-    /// The edges of shadows, if there are any.
-    pub shadows: ShadowFilter,
-}
-
-/// The edges of the shadows that directional lights cast.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ShadowFilter {
-    /// No shadows.
-    Off,
-    /// One texel of a map for each pixel: edges are as jagged as the maps.
-    Hard,
-    /// Percentage-closer filtering over three texels: Reeves, Salesin and Cook, "Rendering
-    /// Antialiased Shadows with Depth Maps" (1987).
-    #[default]
-    Soft,
+    /// Lights cast shadows in it, if they do so in the scene and for the renderer.
+    pub has_shadows: bool,
 }
 
 /// The distance by which surfaces may be drawn beside their place, as a function of their distance

@@ -133,7 +133,7 @@ impl RenderThread {
             return Ok(Begun::Pattern);
         }
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
-        self.use_samples(wall.samples)?;
+        self.use_wall(wall)?;
         let output = &mut self.outputs[index];
         if let Some(corrector) = correctors.borrow_mut().get_mut(&channel.name) {
             let drawing = (&mut self.renderer, scene);

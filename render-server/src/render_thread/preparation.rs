@@ -105,7 +105,7 @@ impl RenderThread {
         correctors: &Correctors,
     ) -> Result<(), String> {
         let Some(wall) = state.replica.wall.as_deref() else { return Ok(()) };
-        self.use_samples(wall.samples)?;
+        self.use_wall(wall)?;
         self.prepare(state, scene);
         let Some((id, channel)) = self.outputs.first().and_then(|o| wall.channel_by_name(&o.name))
         else {

@@ -14,7 +14,7 @@ use super::registry::Answered;
 use super::supersede::Owed;
 use super::{ClientState, Cluster, Micros, SessionId};
 
-/// Most features of a scene that are reported; there are nine.
+/// Most features of a scene that are reported; there are ten.
 const FEATURES_MAX: usize = 64;
 
 /// After this long a server that could not prepare the shown state is asked again, for the first

@@ -3,8 +3,8 @@
 use glam::{DMat3, DVec2, DVec3, UVec2};
 use polyptych_wall::channel_calibration::{BlendWidths, ControlGrid, TransferFunction};
 use polyptych_wall::{
-    BlendConfig, CalibrationFileKind, ChannelKind, FrustumMode, Orientation, Ramps, StereoMode,
-    StereoPacking, StereoRule,
+    BlendConfig, CalibrationFileKind, ChannelKind, FrustumMode, Orientation, Ramps, ShadowFilter,
+    StereoMode, StereoPacking, StereoRule,
 };
 
 use super::{BY_HAND, EVERY_KEY, SMALLEST, check, parse, read, to_toml};
@@ -17,6 +17,7 @@ fn front(lines: &str) -> String {
 fn every_key_arrives() {
     let wall = read(EVERY_KEY);
     assert_eq!((wall.eye_separation_m, wall.dither), (0.065, true));
+    assert_eq!((wall.shadows, read(SMALLEST).shadows), (ShadowFilter::Hard, ShadowFilter::Soft));
     let stereo = StereoRule { mode: StereoMode::Omnidirectional, error_max_px: 0.25 };
     assert_eq!(wall.stereo, stereo);
     assert_eq!(wall.blend, BlendConfig { exponent: 1.5, leak: 0.003 });
@@ -203,11 +204,11 @@ fn eyes_edges_and_maps_that_contradict_each_other() {
     );
     check(
         &format!("{EVERY_KEY}[channel.beam]\nwarp = \"x.pfm\"\n"),
-        "56:1: channel.beam.warp: where its pixels lie is given twice, by a warp file and by a",
+        "57:1: channel.beam.warp: where its pixels lie is given twice, by a warp file and by a",
     );
     check(
         &EVERY_KEY.replace("warp = ", "# "),
-        "27:1: screen[1].channel[1].origin: nobody knows what channel \"mapped\" shows; give \
+        "28:1: screen[1].channel[1].origin: nobody knows what channel \"mapped\" shows; give \
          origin",
     );
     let head = SMALLEST.replacen("name = \"w\"", "name = \"w\"\neye_separation = -0.1", 1);

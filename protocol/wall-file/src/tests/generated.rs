@@ -11,7 +11,8 @@ use polyptych_wall::projector::Projector;
 use polyptych_wall::surface::{Cylinder, Plane, Sphere, Surface};
 use polyptych_wall::{
     Bezel, BlendConfig, CalibrationFile, CalibrationFileKind, Channel, ChannelKind, DeadlinePolicy,
-    Eye, FrustumMode, MemoryBudget, Orientation, Ramps, Screen, StereoPacking, SyncPolicy, Wall,
+    Eye, FrustumMode, MemoryBudget, Orientation, Ramps, Screen, ShadowFilter, StereoPacking,
+    SyncPolicy, Wall,
 };
 use proptest::prelude::*;
 
@@ -284,6 +285,10 @@ fn budget() -> impl Strategy<Value = MemoryBudget> {
     (mib(1), mib(64)).prop_map(|(gpu_mib, host_mib)| MemoryBudget { gpu_mib, host_mib })
 }
 
+fn shadows() -> impl Strategy<Value = ShadowFilter> {
+    prop::sample::select(&[ShadowFilter::Off, ShadowFilter::Hard, ShadowFilter::Soft][..])
+}
+
 /// A wall that a file can say.
 pub(crate) fn wall() -> impl Strategy<Value = Wall> {
     (
@@ -291,11 +296,11 @@ pub(crate) fn wall() -> impl Strategy<Value = Wall> {
         prop::array::uniform3(-100.0..100.0),
         (1e-6..1e3, any::<bool>(), 20u32..=60_000, "[ -~é]{1,12}"),
         (1.0..1e9, 1u32..=60_000, 1u32..=60_000, (0u32..=1, 0u32..=100, budget())),
-        (0.0..1.0, 0.1..5.0, 0.0..0.1, any::<bool>()),
+        (0.0..1.0, 0.1..5.0, 0.0..0.1, any::<bool>(), shadows()),
     )
         .prop_map(|(mut seeds, eye, (near_m, many, heartbeat_ms, folder), deadline, light)| {
             let (factor, a, b, (pipeline_depth, swap_lead_ms, budget)) = deadline;
-            let (eye_separation_m, exponent, leak, dither) = light;
+            let (eye_separation_m, exponent, leak, dither, shadows) = light;
             let mut wall = Wall {
                 eye: DVec3::from(eye),
                 eye_separation_m,
@@ -303,6 +308,7 @@ pub(crate) fn wall() -> impl Strategy<Value = Wall> {
                 samples: if many { 4 } else { 1 },
                 blend: BlendConfig { exponent, leak },
                 dither,
+                shadows,
                 deadline: DeadlinePolicy { factor, min_ms: a.min(b), max_ms: a.max(b) },
                 sync: SyncPolicy { pipeline_depth, swap_lead_ms },
                 heartbeat_ms,

@@ -19,7 +19,7 @@ use crate::scene::{Billboard, Bounds, GpuScene, SceneIdentity};
 use crate::shadow_cascades::{CASCADES_MAX, Cascade, MAP_SIDE};
 use crate::shadow_uniform::ShadowUniform;
 use crate::target::DEPTH_FORMAT;
-use crate::view::{ShadowFilter, ViewDesc};
+use crate::view::ViewDesc;
 
 /// Maximum number of maps for one camera: 256 MiB on the GPU. A scene with three or four suns has
 /// fewer for each.
@@ -83,6 +83,8 @@ pub(crate) struct SunShadows {
     none: Option<wgpu::TextureView>,
     sets: Vec<MapSet>,
     frame: u64,
+    /// No view has shadows.
+    pub is_off: bool,
 }
 
 impl SunShadows {
@@ -100,6 +102,7 @@ impl SunShadows {
             none: None,
             sets: Vec::new(),
             frame: 0,
+            is_off: false,
         }
     }
 
@@ -113,7 +116,7 @@ impl SunShadows {
 
     /// What pipelines are warmed with: no shadows.
     pub(super) fn none(&self, gpu: &Gpu, scene: &GpuScene) -> Vec<wgpu::BindGroup> {
-        let is_used = scene.layout.lights.cast_shadows();
+        let is_used = !self.is_off && scene.layout.lights.cast_shadows();
         let maps = self.none.as_ref().filter(|_| is_used);
         maps.map(|maps| self.group(gpu, maps, &ShadowUniform::none())).into_iter().collect()
     }
@@ -132,7 +135,7 @@ impl SunShadows {
         self.frame += 1;
         let kept = self.frame.saturating_sub(KEPT_FRAMES);
         self.sets.retain(|set| set.used >= kept && !set.subject.scene.is_gone());
-        if !scene.layout.lights.cast_shadows() {
+        if self.is_off || !scene.layout.lights.cast_shadows() {
             return Ok(FrameShadows::default());
         }
         let none = self.none.clone().ok_or(DrawError::NotPrepared)?;
@@ -161,7 +164,7 @@ impl SunShadows {
         scene: &GpuScene,
         view: &ViewDesc,
     ) -> Option<(usize, SunMaps)> {
-        if view.shadows == ShadowFilter::Off {
+        if !view.has_shadows {
             return None;
         }
         let subject = Subject {

@@ -20,7 +20,10 @@ struct SunShadow {
     pad0: f32,
     // Over the depth of the scene.
     toward: vec3<f32>,
-    pad1: f32,
+    // Of the fifth map.
+    radius4: f32,
+    // Of the four finest maps; the widest map, and those that are not there, have all points.
+    radii: vec4<f32>,
     // Finest first.
     cascades: array<Cascade, 6>,
 }
@@ -28,10 +31,10 @@ struct SunShadow {
 struct Shadows {
     // The point between the viewer's eyes.
     middle: vec3<f32>,
-    is_soft: u32,
+    pad0: u32,
     // By which surfaces may be drawn beside their place: in radians, and in units of the world.
     error: vec2<f32>,
-    pad: vec2<f32>,
+    pad1: vec2<f32>,
     suns: array<SunShadow, 4>,
 }
 
@@ -40,6 +43,8 @@ struct Shadows {
 @group(1) @binding(1) var shadow_maps: texture_depth_2d_array;
 // 1 where what is asked for is no farther from the light than what the map has.
 @group(1) @binding(2) var shadow_sampler: sampler_comparison;
+
+override SOFT: bool = true;
 
 // Share of a map's radius in which the next one is mixed in.
 const BAND: f32 = 0.1;
@@ -84,7 +89,7 @@ fn hard_visibility(place: vec3<f32>, layer: u32) -> f32 {
 fn map_visibility(sun: u32, at: u32, position: vec3<f32>, normal: vec3<f32>, away: f32) -> f32 {
     let cascade = shadows.suns[sun].cascades[at];
     let cosine = min(dot(normal, frame.suns[sun].toward), 1.0);
-    let reach = select(HARD_REACH, SOFT_REACH, shadows.is_soft != 0u) * cascade.texel;
+    let reach = select(HARD_REACH, SOFT_REACH, SOFT) * cascade.texel;
     let error = shadows.error.x * away + shadows.error.y;
     let off_surface = normal * (reach * sqrt(1.0 - cosine * cosine) + error);
     let moved = position + off_surface + frame.suns[sun].toward * (TOWARD_TEXELS * cascade.texel);
@@ -92,32 +97,31 @@ fn map_visibility(sun: u32, at: u32, position: vec3<f32>, normal: vec3<f32>, awa
     let up = dot(shadows.suns[sun].up, moved) * cascade.scale;
     let depth = dot(shadows.suns[sun].toward, moved) + DEPTH_ROUNDING;
     let place = cascade.offset + vec3<f32>(across, -up, depth);
-    if shadows.is_soft != 0u {
+    if SOFT {
         return soft_visibility(place, cascade.layer);
     }
     return hard_visibility(place, cascade.layer);
 }
 
 // The part of a sun's light that reaches a point of a surface. The map is chosen by the distance to
-// the viewer, which is the same for all channels and both eyes.
+// the viewer, which is the same for all channels and both eyes. There is one loop and no branch:
+// software drivers skip only what is in loops.
 fn sun_visibility(sun: u32, position: vec3<f32>, normal: vec3<f32>) -> f32 {
-    let count = shadows.suns[sun].count;
-    if count == 0u {
-        return 1.0;
-    }
-    if dot(normal, frame.suns[sun].toward) <= 0.0 {
-        return 0.0;
-    }
     let away = length(position - shadows.middle);
-    var at = 0u;
-    while at + 1u < count && away >= shadows.suns[sun].cascades[at].radius {
-        at += 1u;
-    }
-    let visible = map_visibility(sun, at, position, normal, away);
+    let is_beyond = vec4<f32>(away) >= shadows.suns[sun].radii;
+    let beyond = select(vec4<u32>(0u), vec4<u32>(1u), is_beyond);
+    let beyond4 = select(0u, 1u, away >= shadows.suns[sun].radius4);
+    let at = beyond.x + beyond.y + beyond.z + beyond.w + beyond4;
     let radius = shadows.suns[sun].cascades[at].radius;
-    let coarser = 1.0 - (radius - away) / (radius * BAND);
-    if at + 1u == count || coarser <= 0.0 {
-        return visible;
+    let coarser = clamp(1.0 - (radius - away) / (radius * BAND), 0.0, 1.0);
+    let has_maps = shadows.suns[sun].count > 0u;
+    let is_used = has_maps && dot(normal, frame.suns[sun].toward) > 0.0;
+    let end = select(at, select(at + 1u, at + 2u, coarser > 0.0), is_used);
+    var part = 1.0 - coarser;
+    var visible = select(1.0, 0.0, has_maps);
+    for (var map = at; map < end; map += 1u) {
+        visible += part * map_visibility(sun, map, position, normal, away);
+        part = coarser;
     }
-    return mix(visible, map_visibility(sun, at + 1u, position, normal, away), coarser);
+    return visible;
 }

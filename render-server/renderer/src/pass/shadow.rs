@@ -75,7 +75,7 @@ impl ShadowPass {
 
     /// Makes what is missing for a scene; nothing for one without lights that cast shadows.
     pub fn prepare(&mut self, gpu: &Gpu, keys: &[PipelineKey]) {
-        let shadowed = keys.iter().filter(|key| key.shadows);
+        let shadowed = keys.iter().filter(|key| key.has_shadows());
         for key in shadowed.filter_map(CasterKey::new) {
             if !self.pipelines.contains_key(&key) {
                 let pipeline = self.build(gpu, key);

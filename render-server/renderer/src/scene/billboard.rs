@@ -112,7 +112,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::view::{AllowedError, ShadowFilter};
+    use crate::view::AllowedError;
 
     fn view(eye: DVec3) -> ViewDesc {
         ViewDesc {
@@ -130,7 +130,7 @@ mod tests {
             exposure: 1.0,
             subset: SceneSubset::default(),
             allowed_error: AllowedError::NONE,
-            shadows: ShadowFilter::default(),
+            has_shadows: true,
         }
     }
 

@@ -12,6 +12,7 @@ use polyptych_scene::{
     AlphaMode, Fill, Material, Mesh, NodeStyle, NodeTraits, Primitive, Scene, Topology,
     VertexLayout,
 };
+use polyptych_wall::ShadowFilter;
 
 use super::billboard::Billboard;
 use super::bvh::Bvh;
@@ -355,7 +356,7 @@ struct Template {
     sun_count: u8,
     lamps: bool,
     linear: bool,
-    shadows: bool,
+    shadows: ShadowFilter,
 }
 
 impl Sorter {
@@ -370,7 +371,11 @@ impl Sorter {
             sun_count: lights.suns.len() as u8,
             lamps: !lights.lamps.is_empty(),
             linear: drawn.any(blends),
-            shadows: lights.cast_shadows(),
+            shadows: if lights.cast_shadows() {
+                ShadowFilter::default()
+            } else {
+                ShadowFilter::Off
+            },
         };
         Self {
             default_material: Material::default(),

@@ -5,8 +5,8 @@ use std::sync::{Arc, OnceLock};
 use glam::{DAffine3, DMat3, DMat4, DVec3, DVec4, Vec2, Vec3};
 use polyptych_files::blob::BlobHash;
 use polyptych_renderer::{
-    AllowedError, DrawStats, Gpu, GpuScene, Renderer, SceneBuilder, SceneLayout, ShadowFilter,
-    Target, ViewDesc, read_pixels,
+    AllowedError, DrawStats, Gpu, GpuScene, Renderer, SceneBuilder, SceneLayout, Target, ViewDesc,
+    read_pixels,
 };
 use polyptych_scene::meshlet::{ErrorSphere, Meshlet};
 use polyptych_scene::{
@@ -322,7 +322,7 @@ pub fn look(eye: DVec3, at: DVec3, canvas: [u32; 2]) -> ViewDesc {
         exposure: 1.0,
         subset: SceneSubset::default(),
         allowed_error: AllowedError::NONE,
-        shadows: ShadowFilter::default(),
+        has_shadows: true,
     }
 }
 

@@ -103,8 +103,8 @@ fn uniforms_match_their_twins() {
         direction,
         cone
     );
-    twin!("Shadows", ShadowUniform, middle, is_soft, error, suns);
-    twin!("SunShadow", SunShadowRecord, right, count, up, toward, cascades);
+    twin!("Shadows", ShadowUniform, middle, error, suns);
+    twin!("SunShadow", SunShadowRecord, right, count, up, toward, radius4, radii, cascades);
     twin!("Cascade", CascadeRecord, offset, scale, radius, texel, layer);
     twin!(
         "Material",

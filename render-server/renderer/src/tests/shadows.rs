@@ -3,12 +3,13 @@
 use glam::{DAffine3, DQuat, DVec3, DVec4, Vec2, Vec3, Vec4};
 use polyptych_renderer::{DrawStats, Renderer, Target, read_pixels};
 use polyptych_scene::{AlphaMode, Light, LightKind, Material, NodeId, SceneSubset};
+use polyptych_wall::ShadowFilter;
 
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, gpu, look, matt, pixel,
 };
 use crate::scene::Bounds;
-use crate::{GpuScene, ShadowFilter, ViewDesc};
+use crate::{GpuScene, ViewDesc};
 
 const SIZE: [u32; 2] = [320, 240];
 
@@ -130,10 +131,10 @@ fn is_lit(view: &ViewDesc, place: DVec3, toward: DVec3, [x, y]: [u32; 2]) -> Opt
 
 /// Pixels that are wrong, and those that a sun could light.
 fn wrong(toward: DVec3, place: DVec3, filter: ShadowFilter) -> [usize; 2] {
-    let scene = town(place, grey(), &[toward]).build();
-    let view = ViewDesc { shadows: filter, ..view(place) };
-    let got = draw(&scene, SIZE, &view);
-    let bright = draw(&scene, SIZE, &ViewDesc { shadows: ShadowFilter::Off, ..view.clone() });
+    let mut stage = Stage::new(town(place, grey(), &[toward]).build(), SIZE, filter);
+    let view = view(place);
+    let got = stage.draw(&view).0;
+    let bright = stage.draw(&ViewDesc { has_shadows: false, ..view.clone() }).0;
     let mut counts = [0; 2];
     for (x, y) in (0..SIZE[0]).flat_map(|x| (0..SIZE[1]).map(move |y| (x, y))) {
         let Some(wanted) = is_lit(&view, place, toward, [x, y]) else { continue };
@@ -174,7 +175,7 @@ fn what_the_sun_meets_first_has_no_shadow_of_its_own() {
         stage.node(floor, DAffine3::from_rotation_x(-std::f64::consts::FRAC_PI_2));
         sun(&mut stage, toward);
         let soft = view(DVec3::ZERO);
-        let off = ViewDesc { shadows: ShadowFilter::Off, ..soft.clone() };
+        let off = ViewDesc { has_shadows: false, ..soft.clone() };
         let flat = stage.build();
         let changed = differences(&draw(&flat, SIZE, &soft), &draw(&flat, SIZE, &off));
         assert_eq!(changed[1], 0, "{elevation}°: a plane has stripes: {changed:?}");
@@ -182,7 +183,7 @@ fn what_the_sun_meets_first_has_no_shadow_of_its_own() {
         stage.node(ball, DAffine3::from_translation(DVec3::Y * 3.0));
         let eye = DVec3::Y * 3.0 + toward * 3.0;
         let near = look(eye, DVec3::Y * 3.0, SIZE);
-        let off = ViewDesc { shadows: ShadowFilter::Off, ..near.clone() };
+        let off = ViewDesc { has_shadows: false, ..near.clone() };
         let round = stage.build();
         let [_, _, changed] = differences(&draw(&round, SIZE, &near), &draw(&round, SIZE, &off));
         println!("{elevation}°: {changed} of {}", SIZE[0] * SIZE[1]);
@@ -198,8 +199,9 @@ struct Stage {
 }
 
 impl Stage {
-    fn new(scene: GpuScene, size: [u32; 2]) -> Self {
+    fn new(scene: GpuScene, size: [u32; 2], shadows: ShadowFilter) -> Self {
         let mut renderer = Renderer::new(gpu(), 1).unwrap();
+        renderer.set_shadows(shadows);
         renderer.prepare(gpu(), &scene);
         let target = Target::new(gpu(), size, 1, scene.has_transparency()).unwrap();
         Self { renderer, target, scene }
@@ -256,7 +258,7 @@ fn what_is_beside_the_channel_casts_its_shadow_into_it() {
 fn a_viewer_who_moves_changes_no_edge() {
     let place = DVec3::new(1234.5, 10.0, -777.7);
     let scene = town(place, grey(), &[toward(35.0, 140.0)]).build();
-    let mut stage = Stage::new(scene, SIZE);
+    let mut stage = Stage::new(scene, SIZE, ShadowFilter::Soft);
     let (first, stats) = stage.draw(&view(place));
     assert!(stats.shadow_maps >= 2, "{stats:?}");
     let (mut flickering, mut anew) = (0, 0);
@@ -281,7 +283,7 @@ fn a_viewer_who_moves_changes_no_edge() {
 fn maps_are_kept_while_nothing_changes_and_do_not_depend_on_the_past() {
     let place = DVec3::ZERO;
     let stage = town(place, grey(), &[toward(50.0, 20.0)]);
-    let mut one = Stage::new(stage.build(), SIZE);
+    let mut one = Stage::new(stage.build(), SIZE, ShadowFilter::Soft);
     let (first, stats) = one.draw(&view(place));
     assert!(stats.shadow_maps > 0);
     let (again, stats) = one.draw(&view(place));
@@ -301,23 +303,23 @@ fn maps_are_kept_while_nothing_changes_and_do_not_depend_on_the_past() {
     one.scene = higher.build();
     let (got, stats) = one.draw(&view(place));
     assert!(stats.shadow_maps > 0 && differences(&got, &first)[2] > 100);
-    let off = ViewDesc { shadows: ShadowFilter::Off, ..view(place) };
+    let off = ViewDesc { has_shadows: false, ..view(place) };
     assert_eq!(one.draw(&off).1.shadow_maps, 0);
 }
 
 #[test]
 fn scenes_without_suns_of_their_own_have_no_maps() {
     let dark = town(DVec3::ZERO, grey(), &[]).build();
-    assert!(dark.layout.keys.iter().all(|key| !key.shadows));
+    assert!(dark.layout.keys.iter().all(|key| !key.has_shadows()));
     let (pixels, stats) = draw_sampled(&dark, SIZE, 1, &[view(DVec3::ZERO)]);
     assert_eq!(stats.shadow_maps, 0);
-    let off = ViewDesc { shadows: ShadowFilter::Off, ..view(DVec3::ZERO) };
+    let off = ViewDesc { has_shadows: false, ..view(DVec3::ZERO) };
     assert_eq!(differences(&pixels, &draw(&dark, SIZE, &off)), [0; 3]);
 }
 
 /// Pixels that are darker than without shadows.
 fn shadowed(scene: &GpuScene, view: &ViewDesc) -> usize {
-    let off = ViewDesc { shadows: ShadowFilter::Off, ..view.clone() };
+    let off = ViewDesc { has_shadows: false, ..view.clone() };
     let (got, bright) = (draw(scene, SIZE, view), draw(scene, SIZE, &off));
     got.iter().zip(&bright).filter(|(got, bright)| got[1] + 50 < bright[1]).count()
 }

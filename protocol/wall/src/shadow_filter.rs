@@ -1,0 +1,18 @@
+//! The edges of shadows.
+
+use serde::{Deserialize, Serialize};
+
+/// The edges of the shadows that directional lights cast.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum ShadowFilter {
+    /// No shadows.
+    Off,
+    /// One texel of a map for each pixel: edges are as jagged as the maps.
+    Hard,
+    /// Percentage-closer filtering over three texels: Reeves, Salesin and Cook, "Rendering
+    /// Antialiased Shadows with Depth Maps" (1987).
+    #[default]
+    Soft,
+}
