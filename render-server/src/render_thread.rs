@@ -23,6 +23,7 @@ use polyptych_protocol::ids::{Epoch, Revision};
 use polyptych_renderer::{
     Gpu, GpuScene, MovedItems, OcclusionCulling, Renderer, SceneBuilder, SceneLayout,
 };
+use polyptych_wall::Wall;
 use recovery::Losses;
 use tokio::sync::mpsc;
 use winit::dpi::PhysicalSize;
@@ -306,7 +307,7 @@ impl RenderThread {
         true
     }
 
-    /// A wall of other samples needs other pipelines.
+    /// Makes the renderer that of a wall: other samples, and other shadows, need other pipelines.
     fn use_wall(&mut self, wall: &Wall) -> Result<(), String> {
         let samples = wall.samples;
         if self.renderer.samples() != samples {

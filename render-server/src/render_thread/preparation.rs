@@ -88,6 +88,9 @@ impl RenderThread {
 
     /// Makes the pipelines of a scene for the targets that this server's channels have.
     pub(super) fn prepare(&mut self, state: &LoadedState, scene: &GpuScene) {
+        if let Some(wall) = state.replica.wall.as_deref() {
+            self.renderer.set_shadows(wall.shadows);
+        }
         let is_corrected = |output: &ChannelOutput| state.plans.contains_key(&output.name);
         for (content, corrected) in [(ImageEncoding::Srgb, false), (ImageEncoding::Light, true)] {
             if self.outputs.iter().any(|output| is_corrected(output) == corrected) {

@@ -23,7 +23,7 @@ use crate::view::ViewDesc;
 
 /// Maximum number of maps for one camera: 256 MiB on the GPU. A scene with three or four suns has
 /// fewer for each.
-const LAYERS_MAX: usize = 16;
+const SHADOW_MAPS_MAX: usize = 16;
 
 /// Maps that were not used in so many frames of channels leave their memory.
 const KEPT_FRAMES: u64 = 256;
@@ -187,7 +187,7 @@ impl SunShadows {
         if count == 0 {
             return None;
         }
-        let each_max = CASCADES_MAX.min(LAYERS_MAX / count);
+        let each_max = CASCADES_MAX.min(SHADOW_MAPS_MAX / count);
         let mut base = 0;
         let maps: SunMaps = suns
             .iter()
