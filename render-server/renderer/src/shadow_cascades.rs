@@ -80,7 +80,7 @@ impl LightBasis {
 
     /// Half of the sides of the box in these axes around a box of half sides in the world.
     fn half_around(&self, half: DVec3) -> DVec3 {
-        let [right, up, toward] = [self.right, self.up, self.toward].map(|axis| axis.abs());
+        let [right, up, toward] = [self.right, self.up, self.toward].map(DVec3::abs);
         DVec3::new(right.dot(half), up.dot(half), toward.dot(half))
     }
 }

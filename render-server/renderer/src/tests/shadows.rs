@@ -149,17 +149,18 @@ fn wrong(toward: DVec3, place: DVec3, filter: ShadowFilter) -> [usize; 2] {
 #[test]
 fn shadows_are_where_rays_find_them() {
     for (filter, most) in [(ShadowFilter::Hard, 0.004), (ShadowFilter::Soft, 0.0075)] {
-        let (mut worst, mut report): (f64, String) = Default::default();
+        let (mut worst, mut report) = (0.0f64, Vec::new());
         for elevation in [90.0, 75.0, 50.0, 30.0, 15.0] {
             for azimuth in [20.0, 140.0, 260.0] {
                 let [wrong, all] = wrong(toward(elevation, azimuth), DVec3::ZERO, filter);
                 let share = wrong as f64 / all as f64;
-                report += &format!("{filter:?} {elevation}° {azimuth}°: {wrong} of {all}\n");
+                report.push(format!("{filter:?} {elevation}° {azimuth}°: {wrong} of {all}"));
                 worst = worst.max(share);
             }
         }
-        println!("{report}{filter:?}: at most {:.3} %", worst * 100.0);
-        assert!(worst < most, "{report}{filter:?}: {worst} of the pixels are wrong");
+        let report = report.join("\n");
+        println!("{report}\n{filter:?}: at most {:.3} %", worst * 100.0);
+        assert!(worst < most, "{report}\n{filter:?}: {worst} of the pixels are wrong");
     }
 }
 
