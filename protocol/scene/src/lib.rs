@@ -7,6 +7,7 @@
 mod animation;
 pub mod deformation;
 mod edit;
+pub mod environment_map;
 mod features;
 pub mod glb;
 mod layers;
@@ -37,6 +38,7 @@ pub use deformation::Deformation;
 pub use edit::{
     AssetSet, Attribute, Edit, NewNode, NodeId, provisional_asset, provisional_asset_index,
 };
+pub use environment_map::EnvironmentMap;
 pub use features::SceneFeatures;
 pub use layers::{Layers, NodeTraits, SceneSubset};
 pub use level_cut::{CUTS_MAX, LevelCut};

@@ -20,6 +20,7 @@ mod compressed;
 mod container;
 mod deformation;
 mod document;
+pub mod environment;
 mod error;
 mod exposure;
 mod extensions;
