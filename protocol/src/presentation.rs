@@ -1,5 +1,6 @@
 //! What the wall presents of its state: frames, the manager's memory and every status share it.
 
+use polyptych_scene::ToneMapper;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
@@ -27,6 +28,9 @@ pub struct Presentation {
     pub pattern: Option<TestPattern>,
     /// The error and the rate that pictures are asked to keep.
     pub bounds: QualityBounds,
+    /// How exposed light becomes what displays show.
+    #[serde(default)]
+    pub tone: ToneMapper,
 }
 
 impl Presentation {
@@ -40,6 +44,7 @@ impl Presentation {
             output_mode: OutputMode::Normal,
             pattern: None,
             bounds: QualityBounds::FINEST,
+            tone: ToneMapper::default(),
         }
     }
 

@@ -76,6 +76,7 @@ impl ViewTransform {
             viewport: self.viewport,
             scissor: None,
             exposure: frame.presentation.exposure,
+            tone: frame.presentation.tone,
             subset: SceneSubset { root: view.root.map(NodeId), layers: view.layers.clone() },
             allowed_error,
             has_shadows: number < SHADOWED_VIEWS_MAX,

@@ -61,6 +61,7 @@ fn look(eye: DVec3, at: DVec3) -> ViewDesc {
         viewport: [0.0, 0.0, width, height],
         scissor: None,
         exposure: 1.0,
+        tone: ToneMapper::default(),
         subset: SceneSubset::default(),
         allowed_error: AllowedError::NONE,
         has_shadows: false,

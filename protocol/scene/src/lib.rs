@@ -27,6 +27,7 @@ mod scene_edits;
 mod shared_map;
 mod style;
 mod texture;
+mod tone_mapper;
 
 use glam::{DAffine3, DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
@@ -52,6 +53,7 @@ pub use placed_nodes::{MovedPlace, PlacedNodes};
 pub use scene_edits::{AssetManifests, SceneEdits};
 pub use style::{Facing, Fill, Highlight, NodeStyle, Shading};
 pub use texture::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
+pub use tone_mapper::ToneMapper;
 
 use crate::limits::{DRAWS_MAX, LIT_DRAWS_MAX, MANIFEST_BYTES_MAX, NOTE_BYTES_MAX, NOTES_MAX};
 use polyptych_codec::{DecodeError, decode_within};

@@ -2,7 +2,9 @@
 //!
 //! wgpu takes equal layouts for the same, so whoever needs one makes it here.
 
+use super::environment::EnvironmentUniform;
 use super::gpu::Gpu;
+use super::pass::background::BackgroundUniform;
 use super::pass::correct::{CellRecord, CorrectionUniform};
 use super::scene::MaterialUniform;
 use super::shadow_uniform::ShadowUniform;
@@ -58,20 +60,46 @@ fn sampler(binding: u32) -> wgpu::BindGroupLayoutEntry {
 /// Group 0: the view's uniforms and lamps, each at an offset, the lists of lamps, and the table of
 /// [`albedo`](super::albedo) with its sampler.
 pub(crate) fn frame_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    let label = Some("frame/layout");
+    let entries = &frame_entries();
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries })
+}
+
+/// Group 0 of a frame with an environment: its map, a sampler and its diffuse light more.
+pub(crate) fn environment_frame_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    let fragment = wgpu::ShaderStages::FRAGMENT;
+    let uniform = wgpu::BufferBindingType::Uniform;
+    let mut entries = frame_entries();
+    entries.extend([
+        texture_of(16, true, wgpu::TextureViewDimension::Cube),
+        sampler(17),
+        buffer(18, fragment, uniform, false, size_of::<EnvironmentUniform>()),
+    ]);
+    let (label, entries) = (Some("frame/environment_layout"), &entries[..]);
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries })
+}
+
+/// Group 1 of the background: what each view sees, at an offset.
+pub(crate) fn view_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    let (fragment, uniform) = (wgpu::ShaderStages::FRAGMENT, wgpu::BufferBindingType::Uniform);
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("background/layout"),
+        entries: &[buffer(0, fragment, uniform, true, size_of::<BackgroundUniform>())],
+    })
+}
+
+fn frame_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
     let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
     let fragment = wgpu::ShaderStages::FRAGMENT;
     let storage = wgpu::BufferBindingType::Storage { read_only: true };
     let uniform = wgpu::BufferBindingType::Uniform;
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("frame/layout"),
-        entries: &[
-            buffer(0, both, uniform, true, size_of::<FrameUniform>()),
-            buffer(1, fragment, storage, true, size_of::<LocalLightRecord>()),
-            buffer(2, fragment, storage, false, size_of::<u32>()),
-            texture(3, true),
-            sampler(4),
-        ],
-    })
+    vec![
+        buffer(0, both, uniform, true, size_of::<FrameUniform>()),
+        buffer(1, fragment, storage, true, size_of::<LocalLightRecord>()),
+        buffer(2, fragment, storage, false, size_of::<u32>()),
+        texture(3, true),
+        sampler(4),
+    ]
 }
 
 /// Group 1 of the passes over a scene with lights that cast shadows: the view's uniforms,

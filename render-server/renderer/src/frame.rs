@@ -10,22 +10,26 @@ mod begun_frame;
 mod draw_context;
 mod frame_buffer;
 mod hidden_items;
+mod scene_pass;
 mod submission;
 mod sun_shadows;
+mod surroundings;
 
 use std::time::{Duration, Instant};
 
 use glam::{DMat3, DMat4, DVec3, Vec3};
-use polyptych_scene::SceneSubset;
+use polyptych_scene::{SceneSubset, ToneMapper};
 
-use super::bindings::uniform_stride;
+use super::bindings::{environment_frame_layout, uniform_stride};
 use super::draw_list::{DrawList, Scratch, VisibleItems, samples_of};
+use super::environment::Environment;
 use super::gpu::Gpu;
 use super::occlusion::OcclusionCulling;
+use super::pass::background::BackgroundPass;
 use super::pass::occluder::OccluderPass;
 use super::pass::tonemap::{Tonemap, light_color};
 use super::pass::{opaque, transparent};
-use super::pipeline::{InstanceRecord, Pipelines};
+use super::pipeline::{InstanceRecord, PipelineVariant, Pipelines};
 use super::scene::GpuScene;
 use super::target::Target;
 use super::tone::{LIGHT_MAX, tone_map};
@@ -37,6 +41,7 @@ pub(crate) use draw_context::DrawContext;
 use frame_buffer::{FrameBuffer, is_too_large};
 pub(crate) use hidden_items::OcclusionMemory;
 use hidden_items::encode_behind;
+use scene_pass::begin;
 pub use submission::Submission;
 pub(crate) use sun_shadows::SunShadows;
 
@@ -51,6 +56,9 @@ pub(crate) struct FrameResources {
     lamps: FrameBuffer,
     instances: FrameBuffer,
     group_layout: wgpu::BindGroupLayout,
+    /// The same with an environment, once there was one.
+    environment_group_layout: Option<wgpu::BindGroupLayout>,
+    background: Option<BackgroundPass>,
     /// See [`albedo`].
     albedo: wgpu::TextureView,
     albedo_sampler: wgpu::Sampler,
@@ -69,6 +77,8 @@ impl FrameResources {
             lamps: FrameBuffer::new("frame/lamps", wgpu::BufferUsages::STORAGE),
             instances: FrameBuffer::new("frame/instances", vertex),
             group_layout: super::bindings::frame_layout(&gpu.device),
+            environment_group_layout: None,
+            background: None,
             albedo: albedo::texture(gpu),
             albedo_sampler: albedo::sampler(gpu),
             tonemap: Tonemap::new(gpu),
@@ -100,6 +110,7 @@ impl FrameResources {
         let start = Instant::now();
         let views: Vec<ViewDesc> = views.iter().map(|view| fitted(scene, view)).collect();
         let sky = sky(scene, &views);
+        let tone = views.first().map_or_else(ToneMapper::default, |view| view.tone);
         let mut shown = Vec::with_capacity(views.len());
         for view in views {
             let Some(rectangle) = view.rectangle(target.size()) else { continue };
@@ -115,7 +126,7 @@ impl FrameResources {
         };
         let is_culling = occluders.is_some();
         let search = start.elapsed().saturating_sub(cull);
-        Ok(BegunFrame { shown, sky, items, is_culling, depths, cull, search })
+        Ok(BegunFrame { shown, sky, tone, items, is_culling, depths, cull, search })
     }
 
     /// Encodes a frame and submits it.
@@ -131,7 +142,8 @@ impl FrameResources {
         begun: BegunFrame,
     ) -> Result<SubmittedFrame, DrawError> {
         let start = Instant::now();
-        let BegunFrame { mut shown, sky, items, is_culling, depths, cull, search } = begun;
+        let variant = begun.variant(scene, target.content());
+        let BegunFrame { mut shown, sky, tone, items, is_culling, depths, cull, search } = begun;
         let hidden = match depths {
             Some(depths) => Some(depths.leave_out_hidden(gpu, scene, target, &mut shown)?),
             None => None,
@@ -141,15 +153,16 @@ impl FrameResources {
         let lists = self.lists(gpu, scene, &shown)?;
         let sorted = start.elapsed();
         let clear_display = if scene.layout.blends {
-            self.tonemap.sky_color(gpu, sky, target.content())?
+            self.tonemap.sky_color(gpu, (sky, tone), target.content())?
         } else {
-            light_color(tone_map(sky))
+            light_color(tone_map(tone, sky))
         };
-        let ready = ready(pipelines, scene, target)?;
-        let views = shown.iter().map(|(view, _)| view).collect();
+        let views: Vec<_> = shown.iter().map(|(view, _)| view).collect();
+        let background = self.background(gpu, scene, target, (variant, &views));
+        let with = (ready(pipelines, scene, variant)?, scene.environment.as_deref());
         let context = DrawContext {
             shadows: shadows.groups,
-            ..self.context(gpu, ready, scene, views, &lists)
+            ..self.context(gpu, with, scene, views, &lists)
         };
         let mut encoder = gpu
             .device
@@ -161,10 +174,17 @@ impl FrameResources {
             let clear_scene = if scene.layout.blends { light_color(sky) } else { clear_display };
             let mut pass = begin(&mut encoder, target, clear_scene, hidden.is_some());
             opaque::encode(&mut pass, &context);
+            if let Some(background) = &background {
+                background.encode(&mut pass, &context);
+            }
             transparent::encode(&mut pass, &context);
         }
-        let touched = lists.iter().filter_map(|list| list.touched).reduce(around);
-        self.tonemap.encode(gpu, &mut encoder, target, clear_display, touched);
+        let touched = lists.iter().filter_map(|list| match background {
+            Some(_) => Some(list.rectangle),
+            None => list.touched,
+        });
+        let touched = touched.reduce(around);
+        self.tonemap.encode(gpu, &mut encoder, target, (clear_display, tone), touched);
         let submission = Submission::new(gpu, encoder);
         let encoded = start.elapsed();
         self.shrink();
@@ -267,7 +287,7 @@ impl FrameResources {
         gpu: &Gpu,
         (pipelines, shadows): (&Pipelines, &SunShadows),
         scene: &GpuScene,
-        target: &Target,
+        (target, tone): (&Target, ToneMapper),
     ) -> Result<(), DrawError> {
         let view = ViewDesc {
             eye_in_world: DVec3::ZERO,
@@ -277,6 +297,7 @@ impl FrameResources {
             viewport: [0.0, 0.0, 1.0, 1.0],
             scissor: None,
             exposure: 1.0,
+            tone,
             subset: SceneSubset::default(),
             allowed_error: AllowedError::NONE,
             has_shadows: false,
@@ -285,23 +306,33 @@ impl FrameResources {
         let lists = [DrawList { rectangle: [0, 0, 1, 1], opaque, ..DrawList::default() }];
         self.records.clear();
         self.records.push(InstanceRecord::default());
-        let ready = ready(pipelines, scene, target)?;
-        let mut context = self.context(gpu, ready, scene, vec![&view], &lists);
+        let environment = scene.environment.is_some();
+        let variant = PipelineVariant { content: target.content(), tone, environment };
+        let background = self.background(gpu, scene, target, (variant, &[&view]));
+        let with = (ready(pipelines, scene, variant)?, scene.environment.as_deref());
+        let mut context = self.context(gpu, with, scene, vec![&view], &lists);
         // A multiple of what points, lines and triangles take.
         context.index_count_max = 6;
         context.shadows = shadows.none(gpu, scene);
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("warm") });
-        opaque::encode(&mut begin(&mut encoder, target, wgpu::Color::BLACK, false), &context);
-        self.tonemap.encode(gpu, &mut encoder, target, wgpu::Color::BLACK, Some([0, 0, 1, 1]));
+        {
+            let mut pass = begin(&mut encoder, target, wgpu::Color::BLACK, false);
+            opaque::encode(&mut pass, &context);
+            if let Some(background) = &background {
+                background.encode(&mut pass, &context);
+            }
+        }
+        let black = (wgpu::Color::BLACK, tone);
+        self.tonemap.encode(gpu, &mut encoder, target, black, Some([0, 0, 1, 1]));
         Submission::new(gpu, encoder).wait(gpu).map(|_| ())
     }
 
     fn context<'a>(
         &'a mut self,
         gpu: &Gpu,
-        pipelines: Vec<Option<&'a wgpu::RenderPipeline>>,
+        (pipelines, environment): (Vec<Option<&'a wgpu::RenderPipeline>>, Option<&Environment>),
         scene: &'a GpuScene,
         views: Vec<&'a ViewDesc>,
         lists: &'a [DrawList],
@@ -330,28 +361,24 @@ impl FrameResources {
             let size = wgpu::BufferSize::new(size as u64);
             wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size })
         };
+        let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
+        let mut entries = vec![
+            entry(0, part(uniforms, size_of::<FrameUniform>())),
+            entry(1, part(lamps, lamp_size)),
+            entry(2, scene.lamp_indices.as_entire_binding()),
+            entry(3, wgpu::BindingResource::TextureView(&self.albedo)),
+            entry(4, wgpu::BindingResource::Sampler(&self.albedo_sampler)),
+        ];
+        let mut layout = &self.group_layout;
+        if let Some(environment) = environment {
+            let with = &mut self.environment_group_layout;
+            layout = with.get_or_insert_with(|| environment_frame_layout(&gpu.device));
+            entries.extend(environment.entries());
+        }
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("frame/group"),
-            layout: &self.group_layout,
-            entries: &[
-                wgpu::BindGroupEntry {
-                    binding: 0,
-                    resource: part(uniforms, size_of::<FrameUniform>()),
-                },
-                wgpu::BindGroupEntry { binding: 1, resource: part(lamps, lamp_size) },
-                wgpu::BindGroupEntry {
-                    binding: 2,
-                    resource: scene.lamp_indices.as_entire_binding(),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 3,
-                    resource: wgpu::BindingResource::TextureView(&self.albedo),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 4,
-                    resource: wgpu::BindingResource::Sampler(&self.albedo_sampler),
-                },
-            ],
+            layout,
+            entries: &entries,
         });
         DrawContext {
             scene,
@@ -391,13 +418,13 @@ fn check_records(gpu: &Gpu, records: usize) -> Result<(), String> {
     ))
 }
 
-/// The scene's pipelines for such a target.
+/// The scene's pipelines for such a frame.
 fn ready<'a>(
     pipelines: &'a Pipelines,
     scene: &GpuScene,
-    target: &Target,
+    variant: PipelineVariant,
 ) -> Result<Vec<Option<&'a wgpu::RenderPipeline>>, DrawError> {
-    let found = scene.layout.keys.iter().map(|key| pipelines.get(key, target.content()));
+    let found = scene.layout.keys.iter().map(|key| pipelines.get(key, variant));
     let found: Vec<_> = found.collect();
     if found.contains(&None) { Err(DrawError::NotPrepared) } else { Ok(found) }
 }
@@ -406,37 +433,6 @@ fn ready<'a>(
 fn sky(scene: &GpuScene, views: &[ViewDesc]) -> Vec3 {
     let exposure = views.first().map_or(1.0, |view| view.exposure);
     (scene.layout.sky * exposure).max(Vec3::ZERO).min(Vec3::splat(LIGHT_MAX))
-}
-
-/// Begins the pass over the scene, with the depth that the target has or with none.
-fn begin<'a>(
-    encoder: &'a mut wgpu::CommandEncoder,
-    target: &Target,
-    sky: wgpu::Color,
-    has_depth: bool,
-) -> wgpu::RenderPass<'a> {
-    let (view, resolve_target) = target.scene();
-    // What has been resolved need not be kept.
-    let store =
-        if resolve_target.is_some() { wgpu::StoreOp::Discard } else { wgpu::StoreOp::Store };
-    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        label: Some("scene/pass"),
-        color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-            view,
-            depth_slice: None,
-            resolve_target,
-            ops: wgpu::Operations { load: wgpu::LoadOp::Clear(sky), store },
-        })],
-        depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-            view: target.depth(),
-            depth_ops: Some(wgpu::Operations {
-                load: if has_depth { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(0.0) },
-                store: wgpu::StoreOp::Discard,
-            }),
-            stencil_ops: None,
-        }),
-        ..Default::default()
-    })
 }
 
 fn around(a: [u32; 4], b: [u32; 4]) -> [u32; 4] {

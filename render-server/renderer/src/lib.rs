@@ -16,6 +16,7 @@ mod bindings;
 mod correction;
 mod cull;
 mod draw_list;
+mod environment;
 mod error_tolerance;
 mod frame;
 mod gpu;
@@ -41,6 +42,7 @@ mod tone;
 mod view;
 
 pub use correction::{AtlasViewDesc, BlendMapDesc, CorrectionDesc, CorrectionError, EyeAtlas};
+pub use environment::Environment;
 pub use frame::{BegunFrame, Submission, SubmittedFrame};
 pub use gpu::{AdapterInfo, Gpu, GpuError, GpuFault, GpuFaultKind};
 pub use occlusion::OcclusionCulling;
@@ -61,6 +63,8 @@ pub use view::{AllowedError, ViewDesc};
 
 use std::time::{Duration, Instant};
 
+use pipeline::PipelineVariant;
+use polyptych_scene::ToneMapper;
 use polyptych_wall::ShadowFilter;
 
 /// Why a frame was not drawn.
@@ -148,6 +152,8 @@ pub struct Renderer {
     shadows: frame::SunShadows,
     enlarge: pass::enlarge::EnlargePass,
     occlusion: OcclusionCulling,
+    /// That of the last frame, which the next scene is prepared for.
+    tone: ToneMapper,
 }
 
 impl Renderer {
@@ -165,7 +171,8 @@ impl Renderer {
         let occlusion = OcclusionCulling::default();
         let enlarge = pass::enlarge::EnlargePass::new(gpu);
         let shadows = frame::SunShadows::new(gpu);
-        Ok(Self { samples, pipelines, frames, occluders, shadows, enlarge, occlusion })
+        let tone = ToneMapper::default();
+        Ok(Self { samples, pipelines, frames, occluders, shadows, enlarge, occlusion, tone })
     }
 
     /// Sets when items that others hide are left out; no picture depends on it.
@@ -194,7 +201,9 @@ impl Renderer {
 
     /// As [`Self::prepare`], for targets of this content.
     pub fn prepare_for(&mut self, gpu: &Gpu, scene: &GpuScene, content: ImageEncoding) {
-        self.pipelines.prepare(gpu, &scene.layout.keys, content);
+        let environment = scene.environment.is_some();
+        let variant = PipelineVariant { content, tone: self.tone, environment };
+        self.pipelines.prepare(gpu, &scene.layout.keys, variant);
         if let Some(occluders) = &mut self.occluders {
             occluders.prepare(gpu, &scene.layout.keys);
         }
@@ -203,8 +212,12 @@ impl Renderer {
             Target::with_encoding(gpu, [1, 1], self.samples, scene.has_transparency(), content)
                 .map_err(|error| error.to_string())
                 .and_then(|target| {
-                    let warmed =
-                        self.frames.prewarm(gpu, (&self.pipelines, &self.shadows), scene, &target);
+                    let warmed = self.frames.prewarm(
+                        gpu,
+                        (&self.pipelines, &self.shadows),
+                        scene,
+                        (&target, self.tone),
+                    );
                     warmed.map_err(|error| error.to_string())
                 });
         if let Err(reason) = warmed {
@@ -267,6 +280,9 @@ impl Renderer {
         target: &mut Target,
         begun: BegunFrame,
     ) -> Result<SubmittedFrame, DrawError> {
+        let variant = begun.variant(scene, target.content());
+        self.tone = variant.tone;
+        self.pipelines.prepare_tone(gpu, &scene.layout.keys, variant);
         let with = (&self.pipelines, self.occluders.as_ref(), &mut self.shadows);
         self.frames.submit(gpu, with, scene, target, begun)
     }

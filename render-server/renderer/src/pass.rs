@@ -1,5 +1,6 @@
 //! The passes of a frame; each has its shader beside it.
 
+pub(crate) mod background;
 pub mod correct;
 pub mod enlarge;
 pub mod idle;

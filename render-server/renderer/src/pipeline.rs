@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use polyptych_scene::{Topology, VertexLayout};
+use polyptych_scene::{ToneMapper, Topology, VertexLayout};
 use polyptych_wall::ShadowFilter;
 
 use super::bindings;
@@ -71,13 +71,33 @@ pub(crate) struct PipelineKey {
     pub shadows: ShadowFilter,
 }
 
+/// What pipelines depend on beside a scene's own keys: what a frame is drawn onto, and how.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct PipelineVariant {
+    pub content: ImageEncoding,
+    pub tone: ToneMapper,
+    /// Light comes from all around, by a map.
+    pub environment: bool,
+}
+
+/// A pipeline of a key: float target, tone mapper, environment.
+type Built = (bool, ToneMapper, bool);
+
 impl PipelineKey {
     /// Returns whether lights cast shadows.
     pub fn has_shadows(&self) -> bool {
         self.shadows != ShadowFilter::Off
     }
 
-    fn interface(&self) -> Interface {
+    /// The pipeline of this key that a variant uses; several may use one.
+    fn built(&self, variant: PipelineVariant) -> Built {
+        // What is tone-mapped later, unless it is highlighted.
+        let is_mapped = !self.linear || self.material.highlighted;
+        let tone = if is_mapped { variant.tone } else { ToneMapper::default() };
+        (is_float(self, variant.content), tone, variant.environment)
+    }
+
+    fn interface(&self, has_environment: bool) -> Interface {
         let m = &self.material;
         let slots = [m.base_color, m.metallic_roughness, m.normal, m.occlusion, m.emissive];
         let attributes = VertexLayout {
@@ -86,11 +106,12 @@ impl PipelineKey {
             uv1: slots.contains(&TextureSlot::Uv1),
             color: self.layout.color,
         };
+        let environment = has_environment && m.lit;
         let (lamps, shadows) = (self.lamps && m.lit, self.has_shadows() && m.lit);
-        Interface { attributes, lit: m.lit, lamps, shadows }
+        Interface { attributes, lit: m.lit, lamps, shadows, environment }
     }
 
-    fn constants(&self) -> Vec<(&'static str, f64)> {
+    fn constants(&self, tone: ToneMapper) -> Vec<(&'static str, f64)> {
         let m = &self.material;
         let flag = |on: bool| f64::from(u8::from(on));
         let slot = |slot: TextureSlot| f64::from(slot as u8);
@@ -110,11 +131,12 @@ impl PipelineKey {
             ("SUN_COUNT", f64::from(self.sun_count)),
             ("LAMPS", flag(self.lamps)),
             ("MIRRORED", flag(self.mirrored)),
+            ("TONE_MAPPER", tone.number()),
         ];
         if m.alpha != Alpha::Blend {
             constants.push(("TONE_MAPPED", flag(!self.linear)));
         }
-        if self.interface().shadows {
+        if self.has_shadows() && m.lit {
             constants.push(("SOFT", flag(self.shadows == ShadowFilter::Soft)));
         }
         constants
@@ -141,46 +163,36 @@ pub(crate) struct InstanceRecord {
 #[derive(Debug)]
 pub(crate) struct Pipelines {
     samples: u32,
-    layout: wgpu::PipelineLayout,
-    /// That of scenes with lights that cast shadows.
-    layout_with_shadows: wgpu::PipelineLayout,
+    /// By whether an environment is bound, and whether maps of shadows are.
+    layouts: BTreeMap<(bool, bool), wgpu::PipelineLayout>,
     /// Of all scenes that have shadows.
     pub shadows: ShadowFilter,
     modules: BTreeMap<(Interface, bool), wgpu::ShaderModule>,
-    ready: BTreeMap<(PipelineKey, bool), wgpu::RenderPipeline>,
+    ready: BTreeMap<(PipelineKey, Built), wgpu::RenderPipeline>,
 }
 
 impl Pipelines {
     pub fn new(gpu: &Gpu, samples: u32) -> Self {
-        let frame = bindings::frame_layout(&gpu.device);
-        let material = bindings::material_layout(&gpu.device);
-        let shadow = bindings::shadow_layout(&gpu.device);
-        let layout = |pass| {
-            gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some("scene/pipeline_layout"),
-                bind_group_layouts: &[Some(&frame), pass, Some(&material)],
-                immediate_size: 0,
-            })
-        };
-        let (layout, layout_with_shadows) = (layout(None), layout(Some(&shadow)));
         let (modules, ready) = (BTreeMap::new(), BTreeMap::new());
-        let shadows = ShadowFilter::default();
-        Self { samples, layout, layout_with_shadows, shadows, modules, ready }
+        let layouts = [(false, false), (false, true)].map(|of| (of, pipeline_layout(gpu, of)));
+        let (layouts, shadows) = (layouts.into(), ShadowFilter::default());
+        Self { samples, layouts, shadows, modules, ready }
     }
 
-    /// Makes what is missing for a scene that is drawn onto pictures of this content.
-    pub fn prepare(&mut self, gpu: &Gpu, keys: &[PipelineKey], content: ImageEncoding) {
-        for key in &keys.iter().map(|key| self.filtered(key)).collect::<Vec<_>>() {
-            let is_float = is_float(key, content);
-            if !self.ready.contains_key(&(*key, is_float)) {
-                let pipeline = self.build(gpu, key, is_float);
-                self.ready.insert((*key, is_float), pipeline);
+    /// Makes what is missing for a scene that is drawn in this way.
+    pub fn prepare(&mut self, gpu: &Gpu, keys: &[PipelineKey], variant: PipelineVariant) {
+        if variant.environment {
+            for of in [(true, false), (true, true)] {
+                self.layouts.entry(of).or_insert_with(|| pipeline_layout(gpu, of));
             }
         }
-    }
-
-    pub fn get(&self, key: &PipelineKey, content: ImageEncoding) -> Option<&wgpu::RenderPipeline> {
-        self.ready.get(&(self.filtered(key), is_float(key, content)))
+        for key in &keys.iter().map(|key| self.filtered(key)).collect::<Vec<_>>() {
+            let built = key.built(variant);
+            if !self.ready.contains_key(&(*key, built)) {
+                let pipeline = self.build(gpu, key, built);
+                self.ready.insert((*key, built), pipeline);
+            }
+        }
     }
 
     /// The key of a scene with the filter in force.
@@ -188,9 +200,32 @@ impl Pipelines {
         PipelineKey { shadows: if key.has_shadows() { self.shadows } else { key.shadows }, ..*key }
     }
 
-    fn build(&mut self, gpu: &Gpu, key: &PipelineKey, is_float: bool) -> wgpu::RenderPipeline {
+    /// Makes what is missing for another tone mapper, if the scene was prepared for one: a frame
+    /// brings it, and a state only what stays.
+    pub fn prepare_tone(&mut self, gpu: &Gpu, keys: &[PipelineKey], variant: PipelineVariant) {
+        let is_ready = |tone| {
+            let variant = PipelineVariant { tone, ..variant };
+            keys.iter().all(|key| self.get(key, variant).is_some())
+        };
+        if !is_ready(variant.tone) && ToneMapper::ALL.into_iter().any(is_ready) {
+            self.prepare(gpu, keys, variant);
+        }
+    }
+
+    pub fn get(
+        &self,
+        key: &PipelineKey,
+        variant: PipelineVariant,
+    ) -> Option<&wgpu::RenderPipeline> {
+        let key = self.filtered(key);
+        self.ready.get(&(key, key.built(variant)))
+    }
+
+    fn build(&mut self, gpu: &Gpu, key: &PipelineKey, built: Built) -> wgpu::RenderPipeline {
+        let (is_float, tone, has_environment) = built;
         let blended = key.material.alpha == Alpha::Blend;
-        let interface = key.interface();
+        let interface = key.interface(has_environment);
+        let layout = self.layouts.get(&(has_environment, key.has_shadows()));
         let pass = if blended { transparent::SOURCE } else { opaque::SOURCE };
         let module = self.modules.entry((interface, blended)).or_insert_with(|| {
             gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -212,7 +247,7 @@ impl Pipelines {
                 attributes: &instance_attributes,
             }),
         ];
-        let constants = key.constants();
+        let constants = key.constants(tone);
         let compilation_options =
             || wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
         let target = wgpu::ColorTargetState {
@@ -222,7 +257,7 @@ impl Pipelines {
         };
         gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(if blended { "transparent/pipeline" } else { "opaque/pipeline" }),
-            layout: Some(if key.has_shadows() { &self.layout_with_shadows } else { &self.layout }),
+            layout,
             vertex: wgpu::VertexState {
                 module,
                 entry_point: Some("vertex"),
@@ -249,6 +284,24 @@ impl Pipelines {
             cache: None,
         })
     }
+}
+
+fn pipeline_layout(
+    gpu: &Gpu,
+    (has_environment, has_shadows): (bool, bool),
+) -> wgpu::PipelineLayout {
+    let material = bindings::material_layout(&gpu.device);
+    let frame = if has_environment {
+        bindings::environment_frame_layout(&gpu.device)
+    } else {
+        bindings::frame_layout(&gpu.device)
+    };
+    let shadow = has_shadows.then(|| bindings::shadow_layout(&gpu.device));
+    gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some("scene/pipeline_layout"),
+        bind_group_layouts: &[Some(&frame), shadow.as_ref(), Some(&material)],
+        immediate_size: 0,
+    })
 }
 
 /// Whether the scene is drawn into a float texture: what is tone-mapped later always is.

@@ -22,6 +22,7 @@ mod texture;
 use std::sync::Arc;
 
 use crate::cull::FrustumPlanes;
+use crate::environment::Environment;
 use crate::gpu::Gpu;
 
 pub(crate) use billboard::Billboard;
@@ -61,7 +62,7 @@ pub(crate) struct Batch {
 }
 
 /// A scene on the GPU.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct GpuScene {
     pub(crate) layout: Arc<SceneLayout>,
     /// Items that stand elsewhere than in the layout.
@@ -72,9 +73,22 @@ pub struct GpuScene {
     /// By slot; what materials are made of.
     textures: Arc<Vec<wgpu::TextureView>>,
     content_bytes: u64,
+    /// What surrounds it, instead of its sky.
+    pub(crate) environment: Option<Arc<Environment>>,
 }
 
 impl GpuScene {
+    /// Returns the scene in other surroundings, or in its own sky if `None`: all else is shared.
+    #[must_use]
+    pub fn with_environment(&self, environment: Option<Arc<Environment>>) -> Self {
+        Self { environment, ..self.clone() }
+    }
+
+    /// What surrounds it, if not its own sky.
+    pub fn environment(&self) -> Option<&Arc<Environment>> {
+        self.environment.as_ref()
+    }
+
     /// Returns the scene with its nodes, lights and materials as in another layout, but for what
     /// was moved since that was made: meshes and textures are shared, and nothing is uploaded but
     /// what differs.
@@ -113,6 +127,7 @@ impl GpuScene {
             materials,
             textures: Arc::clone(&self.textures),
             content_bytes: self.content_bytes,
+            environment: self.environment.clone(),
         })
     }
 

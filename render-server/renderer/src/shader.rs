@@ -13,6 +13,8 @@ fn sun_visibility(sun: u32, position: vec3<f32>, normal: vec3<f32>) -> f32 {
 }
 ";
 const SURFACE: &str = include_str!("include/surface.wgsl");
+const ENVIRONMENT: &str = include_str!("include/environment.wgsl");
+const ENVIRONMENT_LIGHT: &str = include_str!("include/environment_light.wgsl");
 const TONE: &str = include_str!("include/tone.wgsl");
 const SCREEN: &str = include_str!("include/screen.wgsl");
 
@@ -28,6 +30,8 @@ pub(crate) struct Interface {
     pub lamps: bool,
     /// Directional lights have maps of what they reach.
     pub shadows: bool,
+    /// Light comes from all around, by a map.
+    pub environment: bool,
 }
 
 impl Interface {
@@ -39,6 +43,7 @@ impl Interface {
             "uv1" => self.attributes.uv1,
             "color" => self.attributes.color,
             "lamps" => self.lamps,
+            "environment" => self.environment,
             _ => false,
         }
     }
@@ -62,8 +67,16 @@ fn select(text: &str, holds: impl Fn(&str) -> bool) -> String {
 
 /// A pass over the scene: `pass` holds its fragment stage.
 pub(crate) fn surface(interface: Interface, pass: &str) -> String {
+    let (vertex, surface) = (interface.select(VERTEX), interface.select(SURFACE));
     let shadow = if interface.shadows { SHADOW } else { NO_SHADOW };
-    [FRAME, &interface.select(VERTEX), MATERIAL, shadow, SURFACE, TONE, pass].concat()
+    let [map, light] =
+        if interface.environment { [ENVIRONMENT, ENVIRONMENT_LIGHT] } else { [""; 2] };
+    [FRAME, map, &vertex, MATERIAL, shadow, &surface, light, TONE, pass].concat()
+}
+
+/// A pass over the pixels behind everything, which show an environment.
+pub(crate) fn surroundings(pass: &str) -> String {
+    [FRAME, ENVIRONMENT, SCREEN, TONE, pass].concat()
 }
 
 /// A pass over the pixels of a picture.

@@ -163,6 +163,7 @@ impl Cascade {
             viewport: [0.0, 0.0, side, side],
             scissor: None,
             exposure: 1.0,
+            tone: polyptych_scene::ToneMapper::default(),
             subset: camera.subset.clone(),
             allowed_error: AllowedError::NONE,
             has_shadows: false,

@@ -1,6 +1,7 @@
 //! Tests that draw. They need a Vulkan or GL driver, software ones included, and fail without.
 
 mod correction;
+mod environment;
 mod furnace;
 #[expect(dead_code, reason = "the render server's tests use the rest")]
 mod harness;

@@ -1,13 +1,29 @@
 //! The tone mapper on the CPU, for the sky; the twin of `include/tone.wgsl`.
 
 use glam::Vec3;
+use polyptych_scene::ToneMapper;
 
 /// What a float target can hold.
 pub(crate) const LIGHT_MAX: f32 = 60000.0;
 
-/// Linear display light of exposed scene light. Khronos PBR Neutral,
-/// github.com/KhronosGroup/ToneMapping.
-pub(crate) fn tone_map(light: Vec3) -> Vec3 {
+/// Linear display light of exposed scene light.
+pub(crate) fn tone_map(tone: ToneMapper, light: Vec3) -> Vec3 {
+    match tone {
+        ToneMapper::Neutral => neutral(light),
+        ToneMapper::Aces => aces(light),
+        ToneMapper::None => light.clamp(Vec3::ZERO, Vec3::ONE),
+    }
+}
+
+/// K. Narkowicz, "ACES Filmic Tone Mapping Curve" (2015).
+fn aces(light: Vec3) -> Vec3 {
+    let c = light.clamp(Vec3::ZERO, Vec3::splat(LIGHT_MAX)) * 0.6;
+    let curve = (c * (c * 2.51 + 0.03)) / (c * (c * 2.43 + 0.59) + 0.14);
+    curve.clamp(Vec3::ZERO, Vec3::ONE)
+}
+
+/// Khronos PBR Neutral, github.com/KhronosGroup/ToneMapping.
+fn neutral(light: Vec3) -> Vec3 {
     const START: f32 = 0.76;
     const DESATURATION: f32 = 0.15;
     let color = light.max(Vec3::ZERO).min(Vec3::splat(LIGHT_MAX));
@@ -71,13 +87,20 @@ mod tests {
 
     #[test]
     fn greys_keep_their_order_and_their_bounds() {
-        let mut last = -1.0;
-        for step in 0..4000 {
-            let mapped = tone_map(Vec3::splat(step as f32 * 0.01)).x;
-            assert!(mapped >= last && mapped <= 1.0, "{step}: {mapped} after {last}");
-            last = mapped;
+        for tone in ToneMapper::ALL {
+            let mut last = -1.0;
+            for step in 0..4000 {
+                let mapped = tone_map(tone, Vec3::splat(step as f32 * 0.01)).x;
+                assert!(mapped >= last && mapped <= 1.0, "{tone:?} {step}: {mapped}, {last}");
+                last = mapped;
+            }
+            assert!(tone_map(tone, Vec3::splat(f32::INFINITY)).is_finite());
         }
-        assert!((tone_map(Vec3::splat(0.5)).x - 0.46).abs() < 1e-6);
-        assert!(tone_map(Vec3::splat(f32::INFINITY)).is_finite());
+        let of = |tone, light| tone_map(tone, Vec3::splat(light)).x;
+        assert!((of(ToneMapper::Neutral, 0.5) - 0.46).abs() < 1e-6);
+        // (c (2.51 c + 0.03)) / (c (2.43 c + 0.59) + 0.14) at c = 0.3 and at c = 0.6.
+        assert!((of(ToneMapper::Aces, 0.5) - 0.2349 / 0.5357).abs() < 1e-6);
+        assert!((of(ToneMapper::Aces, 1.0) - 0.9216 / 1.3688).abs() < 1e-6);
+        assert_eq!((of(ToneMapper::None, 0.5), of(ToneMapper::None, 7.0)), (0.5, 1.0));
     }
 }

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec4};
-use polyptych_scene::SceneSubset;
+use polyptych_scene::{SceneSubset, ToneMapper};
 
 use super::cull::FrustumPlanes;
 use super::scene::{Bounds, GpuScene, LocalLight, Selection};
@@ -45,6 +45,8 @@ pub struct ViewDesc {
     pub scissor: Option<[u32; 4]>,
     /// Factor of all light before tone mapping.
     pub exposure: f32,
+    /// How exposed light becomes what is shown; that of the first view counts for all of a frame.
+    pub tone: ToneMapper,
     /// The part of the scene that it shows.
     pub subset: SceneSubset,
     /// The error up to which coarser levels of detail are drawn.

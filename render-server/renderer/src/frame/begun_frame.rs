@@ -3,11 +3,15 @@
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
+use polyptych_scene::ToneMapper;
 
 use super::hidden_items::OccluderDepths;
 use super::submission::Submission;
 use crate::DrawStats;
 use crate::draw_list::VisibleItems;
+use crate::output_texture::ImageEncoding;
+use crate::pipeline::PipelineVariant;
+use crate::scene::GpuScene;
 use crate::view::ViewDesc;
 
 /// A view, with the items that it may show.
@@ -20,6 +24,8 @@ pub struct BegunFrame {
     pub(super) shown: Vec<ShownView>,
     /// Exposed light of the sky.
     pub(super) sky: Vec3,
+    /// How it becomes what is shown.
+    pub(super) tone: ToneMapper,
     /// Items that all views may show.
     pub(super) items: usize,
     /// Items that others hide are left out.
@@ -30,6 +36,13 @@ pub struct BegunFrame {
     pub(super) cull: Duration,
     /// Time that it took to encode the search.
     pub(super) search: Duration,
+}
+
+impl BegunFrame {
+    /// The pipelines that it needs for a scene, onto pictures of this content.
+    pub(crate) fn variant(&self, scene: &GpuScene, content: ImageEncoding) -> PipelineVariant {
+        PipelineVariant { content, tone: self.tone, environment: scene.environment.is_some() }
+    }
 }
 
 /// A frame that the GPU draws; [`crate::Renderer::finish`] is next.

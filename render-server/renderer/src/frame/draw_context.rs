@@ -24,11 +24,8 @@ pub(crate) struct DrawContext<'a> {
 }
 
 impl DrawContext<'_> {
-    /// Encodes draws of one view; sets only what changes from draw to draw.
-    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, view: usize, draws: &[Draw]) {
-        if draws.is_empty() {
-            return;
-        }
+    /// Sets what all draws of a view share.
+    pub fn enter(&self, pass: &mut wgpu::RenderPass<'_>, view: usize) {
         let [x, y, width, height] = self.views[view].viewport.map(|number| number as f32);
         pass.set_viewport(x, y, width, height, 0.0, 1.0);
         let [x, y, width, height] = self.lists[view].rectangle;
@@ -36,6 +33,14 @@ impl DrawContext<'_> {
         let index = view as u32;
         let offsets = [index * self.uniform_stride, index * self.lamp_stride];
         pass.set_bind_group(0, &self.group, &offsets);
+    }
+
+    /// Encodes draws of one view; sets only what changes from draw to draw.
+    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, view: usize, draws: &[Draw]) {
+        if draws.is_empty() {
+            return;
+        }
+        self.enter(pass, view);
         if let Some(shadows) = self.shadows.get(view) {
             pass.set_bind_group(1, shadows, &[]);
         }

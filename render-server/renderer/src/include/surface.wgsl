@@ -182,7 +182,8 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     s.alpha_squared = filtered_alpha_squared(roughness, unit(normal_of(v)));
     s = layered(s, base, metallic);
 
-    var light = ambient(s) * occlusion;
+    var light = ambient(s) * occlusion; //? !environment
+    var light = environment_light(s) * occlusion; //? environment
     let facing = surface_normal(v, front);
     if SUN_COUNT > 0u { light += sun_light(s, 0u, position, facing); }
     if SUN_COUNT > 1u { light += sun_light(s, 1u, position, facing); }

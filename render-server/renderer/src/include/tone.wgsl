@@ -1,10 +1,31 @@
-// From scene light to display light, both linear: the Khronos PBR Neutral tone mapper,
-// github.com/KhronosGroup/ToneMapping, PBR_Neutral. `tone.rs` is its twin.
+// From scene light to display light, both linear. `tone.rs` is its twin.
 
 // What a float target can hold; also turns NaN into a number.
 const LIGHT_MAX: f32 = 60000.0;
 
+// The numbers of `ToneMapper`.
+override TONE_MAPPER: u32 = 0u;
+
 fn tone_map(light: vec3<f32>) -> vec3<f32> {
+    if TONE_MAPPER == 1u {
+        return tone_map_aces(light);
+    }
+    if TONE_MAPPER == 2u {
+        return clamp(light, vec3<f32>(0.0), vec3<f32>(1.0));
+    }
+    return tone_map_neutral(light);
+}
+
+// K. Narkowicz, "ACES Filmic Tone Mapping Curve" (2015): a fit of the reference rendering, whose
+// input is 0.6 of the light there.
+fn tone_map_aces(light: vec3<f32>) -> vec3<f32> {
+    let c = clamp(light, vec3<f32>(0.0), vec3<f32>(LIGHT_MAX)) * 0.6;
+    let curve = (c * (2.51 * c + 0.03)) / (c * (2.43 * c + 0.59) + 0.14);
+    return clamp(curve, vec3<f32>(0.0), vec3<f32>(1.0));
+}
+
+// Khronos PBR Neutral, github.com/KhronosGroup/ToneMapping, PBR_Neutral.
+fn tone_map_neutral(light: vec3<f32>) -> vec3<f32> {
     let start = 0.76;
     let desaturation = 0.15;
     let color = clamp(light, vec3<f32>(0.0), vec3<f32>(LIGHT_MAX));

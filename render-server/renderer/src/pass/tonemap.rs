@@ -1,6 +1,9 @@
 //! From the float target to the display target, where anything was drawn; the rest is sky.
 
+use std::collections::BTreeMap;
+
 use glam::Vec3;
+use polyptych_scene::ToneMapper;
 
 use crate::gpu::Gpu;
 use crate::output_texture::ImageEncoding;
@@ -14,11 +17,11 @@ const SOURCE: &str = include_str!("tonemap.wgsl");
 /// The pass, and what it makes of the last sky.
 #[derive(Debug)]
 pub(crate) struct Tonemap {
-    onto_srgb: wgpu::RenderPipeline,
-    onto_light: wgpu::RenderPipeline,
+    /// By whether the target is of light, and by tone mapper; made when they are first used.
+    onto: BTreeMap<(bool, ToneMapper), wgpu::RenderPipeline>,
     group_layout: wgpu::BindGroupLayout,
     sampler: wgpu::Sampler,
-    sky: Option<(Vec3, ImageEncoding, wgpu::Color)>,
+    sky: Option<((Vec3, ToneMapper), ImageEncoding, wgpu::Color)>,
 }
 
 /// Why the sky's colour could not be found.
@@ -35,14 +38,8 @@ pub enum SkyError {
 impl Tonemap {
     pub fn new(gpu: &Gpu) -> Self {
         let group_layout = bindings::picture_layout(&gpu.device);
-        let text = shader::screen(SOURCE);
-        let onto = |content: ImageEncoding| {
-            let names = ["tonemap", "tonemap"];
-            screen_pipeline(gpu, names, &text, &group_layout, content.format(), &[])
-        };
         Self {
-            onto_srgb: onto(ImageEncoding::Srgb),
-            onto_light: onto(ImageEncoding::Light),
+            onto: BTreeMap::new(),
             group_layout,
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("tonemap/sampler"),
@@ -57,11 +54,12 @@ impl Tonemap {
     pub fn sky_color(
         &mut self,
         gpu: &Gpu,
-        light: Vec3,
+        (light, tone): (Vec3, ToneMapper),
         content: ImageEncoding,
     ) -> Result<wgpu::Color, SkyError> {
-        let is_it = |(sky, onto, _): &(Vec3, ImageEncoding, _)| (*sky, *onto) == (light, content);
-        if let Some((.., color)) = self.sky.filter(is_it) {
+        if let Some((sky, onto, color)) = self.sky
+            && (sky, onto) == ((light, tone), content)
+        {
             return Ok(color);
         }
         let target = Target::with_encoding(gpu, [1, 1], 1, true, content)?;
@@ -69,7 +67,8 @@ impl Tonemap {
             label: Some("tonemap/probe"),
         });
         clear(&mut encoder, "tonemap/probe", target.scene().0, light_color(light));
-        self.encode(gpu, &mut encoder, &target, wgpu::Color::BLACK, Some([0, 0, 1, 1]));
+        let black = (wgpu::Color::BLACK, tone);
+        self.encode(gpu, &mut encoder, &target, black, Some([0, 0, 1, 1]));
         gpu.queue.submit([encoder.finish()]);
         let pixel = read_pixels(gpu, &target)?;
         let byte = |i: usize| pixel.get(i).copied().unwrap_or(0);
@@ -82,17 +81,17 @@ impl Tonemap {
             }
         };
         let color = wgpu::Color { r: channel(0), g: channel(1), b: channel(2), a: 1.0 };
-        self.sky = Some((light, content, color));
+        self.sky = Some(((light, tone), content, color));
         Ok(color)
     }
 
     /// Fills the display target with the sky and maps the rectangle x, y, width, height.
     pub fn encode(
-        &self,
+        &mut self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         target: &Target,
-        sky: wgpu::Color,
+        (sky, tone): (wgpu::Color, ToneMapper),
         rectangle: Option<[u32; 4]>,
     ) {
         let Some(linear) = target.linear() else { return };
@@ -113,7 +112,13 @@ impl Tonemap {
             ],
         });
         let is_light = target.content() == ImageEncoding::Light;
-        pass.set_pipeline(if is_light { &self.onto_light } else { &self.onto_srgb });
+        let pipeline = self.onto.entry((is_light, tone)).or_insert_with(|| {
+            let content = if is_light { ImageEncoding::Light } else { ImageEncoding::Srgb };
+            let (names, text) = (["tonemap", "tonemap"], shader::screen(SOURCE));
+            let constants = [("TONE_MAPPER", tone.number())];
+            screen_pipeline(gpu, names, &text, &self.group_layout, content.format(), &constants)
+        });
+        pass.set_pipeline(pipeline);
         pass.set_bind_group(1, &group, &[]);
         pass.set_scissor_rect(x, y, width, height);
         pass.draw(0..3, 0..1);

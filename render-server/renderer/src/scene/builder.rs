@@ -225,8 +225,16 @@ impl SceneBuilder {
         let geometries = self.geometries.into_iter().chain(self.outlines).flatten();
         let geometries = Arc::new(geometries.collect());
         let (content_bytes, layout) = (self.layout.content_bytes(), self.layout);
-        let moved = None;
-        Ok(GpuScene { layout, moved, geometries, materials, lamp_indices, textures, content_bytes })
+        Ok(GpuScene {
+            layout,
+            moved: None,
+            geometries,
+            materials,
+            lamp_indices,
+            textures,
+            content_bytes,
+            environment: None,
+        })
     }
 }
 

@@ -2,14 +2,16 @@
 //! around it, however rough, and a fraction of metal is a mix of two materials.
 
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3, Vec4};
 use polyptych_scene::{Light, LightKind, Material};
 
+use super::environment::uniform;
 use super::harness::{MeshFixture, SceneFixture, draw, gpu, look, pixel};
 use crate::albedo::tests::integrated;
 use crate::tone::f16_from_bits;
-use crate::{ImageEncoding, Renderer, Target, ViewDesc, read_pixels};
+use crate::{Environment, ImageEncoding, Renderer, Target, ViewDesc, read_pixels};
 
 const F0: f64 = 0.04;
 
@@ -44,6 +46,16 @@ fn shine(stage: &mut SceneFixture, toward: DVec3, irradiance: f64) {
 /// Radiance of a plate that faces +z, in one pixel, seen at an angle of this cosine. It hangs in
 /// uniform surroundings, under lights given by the direction towards them and their irradiance.
 fn radiance(material: Material, mu: f64, around: f64, lights: &[(DVec3, f64)]) -> f64 {
+    radiance_in(material, mu, (around, None), lights)
+}
+
+/// The same in these surroundings, if given.
+fn radiance_in(
+    material: Material,
+    mu: f64,
+    (around, environment): (f64, Option<Arc<Environment>>),
+    lights: &[(DVec3, f64)],
+) -> f64 {
     let mut stage = SceneFixture::new();
     stage.desc.sky = Vec3::splat(around as f32);
     stage.ground = Some(stage.desc.sky);
@@ -55,7 +67,7 @@ fn radiance(material: Material, mu: f64, around: f64, lights: &[(DVec3, f64)]) -
     for (toward, irradiance) in lights {
         shine(&mut stage, *toward, *irradiance);
     }
-    let scene = stage.build();
+    let scene = stage.build().with_environment(environment);
     let mut renderer = Renderer::new(gpu(), 1).unwrap();
     renderer.prepare_for(gpu(), &scene, ImageEncoding::Light);
     let mut target = Target::with_encoding(gpu(), [1, 1], 1, false, ImageEncoding::Light).unwrap();
@@ -80,6 +92,24 @@ fn a_white_furnace_stays_white_for_every_roughness_and_metal() {
             for mu in [1.0, 0.6, 0.2, 0.05] {
                 let white = material(1.0, metallic, roughness);
                 let part = radiance(white, mu, MIDDLE, &[]) / MIDDLE;
+                let name = format!("roughness {roughness}, metal {metallic}, cosine {mu}");
+                assert!((part - 1.0).abs() < 0.01, "{part} of the light: {name}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_white_furnace_of_an_environment_stays_white_for_every_roughness_and_metal() {
+    let map = uniform([MIDDLE; 3]);
+    let environment = Arc::new(Environment::new(gpu(), &map));
+    for roughness in [0.0, 0.1, 0.3, 0.6, 0.8, 1.0] {
+        for metallic in [0.0, 0.5, 1.0] {
+            for mu in [1.0, 0.6, 0.2, 0.05] {
+                let white = material(1.0, metallic, roughness);
+                // The sky itself is dark: all light is the environment's.
+                let around = (0.0, Some(Arc::clone(&environment)));
+                let part = radiance_in(white, mu, around, &[]) / MIDDLE;
                 let name = format!("roughness {roughness}, metal {metallic}, cosine {mu}");
                 assert!((part - 1.0).abs() < 0.01, "{part} of the light: {name}");
             }

@@ -11,7 +11,7 @@ use polyptych_renderer::{
 use polyptych_scene::meshlet::{ErrorSphere, Meshlet};
 use polyptych_scene::{
     IndexFormat, Material, Mesh, Node, Primitive, Sampler, Scene, SceneSubset, Texture,
-    TextureFormat, Topology, VertexLayout, Wrap,
+    TextureFormat, ToneMapper, Topology, VertexLayout, Wrap,
 };
 
 /// The one adapter of all tests.
@@ -320,6 +320,7 @@ pub fn look(eye: DVec3, at: DVec3, canvas: [u32; 2]) -> ViewDesc {
         viewport: [0.0, 0.0, f64::from(canvas[0]), f64::from(canvas[1])],
         scissor: None,
         exposure: 1.0,
+        tone: ToneMapper::default(),
         subset: SceneSubset::default(),
         allowed_error: AllowedError::NONE,
         has_shadows: true,

@@ -5,10 +5,12 @@ use std::mem::offset_of;
 use polyptych_scene::VertexLayout;
 use wgpu::naga;
 
+use crate::environment::EnvironmentUniform;
+use crate::pass::background::{self, BackgroundUniform};
 use crate::pass::correct::{CellRecord, CorrectionUniform, EyeRecord, PlaneRecord};
 use crate::pass::{occluder, opaque, shadow, transparent};
 use crate::scene::MaterialUniform;
-use crate::shader::{Interface, depth, screen, surface};
+use crate::shader::{Interface, depth, screen, surface, surroundings};
 use crate::shadow_uniform::{CascadeRecord, ShadowUniform, SunShadowRecord};
 use crate::view::{DirectionalLightRecord, FrameUniform, LocalLightRecord};
 
@@ -26,10 +28,11 @@ fn module(name: &str, text: &str) -> naga::Module {
 }
 
 fn interfaces() -> impl Iterator<Item = Interface> {
-    (0..128u32).map(|bits| {
+    (0..256u32).map(|bits| {
         let bit = |at: u32| bits >> at & 1 == 1;
         let attributes = VertexLayout { tangent: bit(0), uv0: bit(1), uv1: bit(2), color: bit(3) };
-        Interface { attributes, lit: bit(4), lamps: bit(5), shadows: bit(6) }
+        let (shadows, environment) = (bit(6), bit(7));
+        Interface { attributes, lit: bit(4), lamps: bit(5), shadows, environment }
     })
 }
 
@@ -41,6 +44,7 @@ fn every_shader_validates() {
         module("occluder/vertices", &surface(interface, ""));
         module("shadow", &surface(interface, shadow::SOURCE));
     }
+    module("background", &surroundings(background::SOURCE));
     module("tonemap", &screen(include_str!("../pass/tonemap.wgsl")));
     module("enlarge", &screen(include_str!("../pass/enlarge.wgsl")));
     module("output", &screen(include_str!("../pass/output.wgsl")));
@@ -57,8 +61,10 @@ fn uniforms_match_their_twins() {
     let interface = Interface { lit: true, lamps: true, shadows: true, ..Interface::default() };
     let opaque = module("opaque", &surface(interface, opaque::SOURCE));
     let correct = module("correct", include_str!("../pass/correct.wgsl"));
+    let behind = module("background", &surroundings(background::SOURCE));
     let check = |name: &str, size: usize, offsets: &[(&str, usize)]| {
-        let mut types = opaque.types.iter().chain(correct.types.iter());
+        let types = opaque.types.iter().chain(correct.types.iter());
+        let mut types = types.chain(behind.types.iter());
         let found = types.find(|(_, ty)| ty.name.as_deref() == Some(name));
         let (_, ty) = found.unwrap_or_else(|| panic!("no {name}"));
         let naga::TypeInner::Struct { members, span } = &ty.inner else { panic!("{name}") };
@@ -76,6 +82,8 @@ fn uniforms_match_their_twins() {
             check($wgsl, size_of::<$rust>(), &offsets);
         }};
     }
+    twin!("Environment", EnvironmentUniform, diffuse);
+    twin!("Background", BackgroundUniform, first, right, down, corner);
     twin!("SourcePlane", PlaneRecord, across, down, depth, inner);
     twin!("Cell", CellRecord, position, across, down, depth);
     twin!("Eye", EyeRecord, position, clip_x, clip_y, upright_x, upright_y);

@@ -1,7 +1,7 @@
 //! Light and colour: what materials, lamps and the last step to the display do.
 
 use glam::{Affine2, DAffine3, DVec3, Vec3, Vec4};
-use polyptych_scene::{AlphaMode, Light, LightKind, Material, TextureRef};
+use polyptych_scene::{AlphaMode, Light, LightKind, Material, TextureRef, ToneMapper};
 
 use super::harness::{MeshFixture, SceneFixture, draw, draw_sampled, gpu, look, matt, pixel};
 use crate::{GpuScene, PresentPass, Target, ViewDesc, idle, read_picture, read_pixels};
@@ -36,7 +36,7 @@ fn lamp(kind: LightKind, intensity: f32, range: Option<f32>) -> Light {
 
 /// What a grey of this linear light becomes on the display.
 fn shown(light: f32) -> u8 {
-    let v = crate::tone::tone_map(Vec3::splat(light)).x;
+    let v = crate::tone::tone_map(ToneMapper::Neutral, Vec3::splat(light)).x;
     let curved = if v <= 0.0031308 { v * 12.92 } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
     (curved * 255.0).round() as u8
 }

@@ -1,7 +1,7 @@
 //! Colours without light: displays show them as they are, whatever is drawn around them.
 
 use glam::{DAffine3, DVec3, Vec3, Vec4};
-use polyptych_scene::{AlphaMode, Material};
+use polyptych_scene::{AlphaMode, Material, ToneMapper};
 use polyptych_wall::StereoPacking;
 
 use super::harness::{MeshFixture, SceneFixture, draw_sampled, gpu, look, matt, pixel};
@@ -184,7 +184,8 @@ fn blending_with_unlit_colours_mixes_what_each_shows() {
         [(0.3, 1.0, 1), (0.15, 2.0, 1), (0.6, 1.0, 1), (0.0, 1.0, 5), (0.6, 0.0, 5)]
     {
         let exposed = light * exposure;
-        let shown = f32::midpoint(bright.1 as f32, tone_map(Vec3::splat(exposed)).x);
+        let shown =
+            f32::midpoint(bright.1 as f32, tone_map(ToneMapper::Neutral, Vec3::splat(exposed)).x);
         let over = pane_over_card(glowing(light), half(&bright.0), exposure);
         let under = pane_over_card(bright.0.clone(), half(&glowing(light)), exposure);
         for got in [over, under] {
