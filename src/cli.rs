@@ -28,6 +28,7 @@ mod simulate;
 mod status;
 mod stop;
 mod stored_view;
+mod surroundings;
 mod tour;
 mod verify;
 mod viewer;
@@ -110,6 +111,12 @@ enum Command {
     Tune(calibrate::Arguments),
     /// Bound the error and the rate of a running wall's pictures, or say how they are bounded
     Bound(bound::Arguments),
+    /// Surround scenes by the light of a picture or of a clear sky, or say by what
+    Environment(surroundings::EnvironmentArguments),
+    /// Set the exposure of a running wall, or say how it is
+    Exposure(surroundings::ExposureArguments),
+    /// Set how a running wall's light becomes what displays show, or say how
+    Tone(surroundings::ToneArguments),
     /// Say how a running wall stands
     Status(status::Arguments),
     /// End the manager of a running wall, and its servers if asked to
@@ -235,6 +242,9 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Pattern(arguments) => return pattern::run(&arguments),
         Command::Tune(arguments) => return calibrate::run(&arguments),
         Command::Bound(arguments) => bound::run(&arguments),
+        Command::Environment(arguments) => surroundings::environment(&arguments),
+        Command::Exposure(arguments) => surroundings::exposure(&arguments),
+        Command::Tone(arguments) => surroundings::tone(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Stop(arguments) => stop::run(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),

@@ -4,6 +4,7 @@ use std::pin::pin;
 
 use glam::DVec3;
 use polyptych_protocol::delivery::Delivery;
+use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::feedback::{FrameFeedback, Statistics, Tuned, WallStatus};
 use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::output_mode::OutputMode;
@@ -11,6 +12,7 @@ use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{HeadUpdate, Pacing, Request, Response, StoppedServers};
+use polyptych_scene::ToneMapper;
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
@@ -239,6 +241,23 @@ impl Client {
     /// [`ClientError`].
     pub async fn set_exposure(&self, exposure: f32) -> Result<(), ClientError> {
         self.done("set the exposure", Request::SetExposure(exposure)).await
+    }
+
+    /// Surrounds scenes by light, until it is set again; returns once every live channel can draw
+    /// with it. A file is an equirectangular Radiance .hdr in one of the manager's scene folders.
+    ///
+    /// # Errors
+    /// [`ClientError`]; a file that cannot be read, with the place in it and the remedy.
+    pub async fn set_environment(&self, environment: EnvironmentSource) -> Result<(), ClientError> {
+        self.done("set the environment", Request::SetEnvironment(environment)).await
+    }
+
+    /// Sets how exposed light becomes what displays show, from the next frame on.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn set_tone(&self, tone: ToneMapper) -> Result<(), ClientError> {
+        self.done("set the tone mapper", Request::SetTone(tone)).await
     }
 
     /// Bounds the error and the rate of pictures, from the next frame on and until it is set again.

@@ -76,6 +76,7 @@ pub use reconnect::ReconnectPolicy;
 pub use glam;
 pub use polyptych_protocol::clip::{ClipAction, ClipChange, ClipStatus, ClipSummary};
 pub use polyptych_protocol::delivery::QUEUED_REQUESTS_MAX;
+pub use polyptych_protocol::environment::EnvironmentSource;
 pub use polyptych_protocol::exported_scene::ExportedScene;
 pub use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, FrameFeedback, Quantiles,
@@ -105,8 +106,8 @@ pub use polyptych_protocol::walk_query::{
 };
 pub use polyptych_scene::{
     AlphaMode, Attribute, Bounds, Edit, Facing, Fill, Highlight, Light, LightKind, Material,
-    NewNode, NodeId, NodeStyle, SceneFeatures, SceneSubset, Shading, TextureRef, Topology,
-    provisional_asset,
+    NewNode, NodeId, NodeStyle, SceneFeatures, SceneSubset, Shading, TextureRef, ToneMapper,
+    Topology, provisional_asset,
 };
 pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;

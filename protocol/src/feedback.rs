@@ -211,6 +211,10 @@ pub struct WallStatus {
     /// The pixels along each side that the next frame is drawn with, as a share of the wall's: 0.25
     /// to 1, and 1 without a rate bound.
     pub resolution_scale: f64,
+    /// The name of what surrounds scenes, if not their own sky.
+    #[serde(default)]
+    #[serde(deserialize_with = "text_of_peer")]
+    pub environment: Option<String>,
 }
 
 /// A channel as it stands.

@@ -18,6 +18,7 @@ pub mod bulk;
 pub mod clip;
 pub mod command;
 pub mod delivery;
+pub mod environment;
 pub mod exported_scene;
 pub mod feedback;
 pub mod follow;

@@ -4,7 +4,7 @@
 
 use bytes::Bytes;
 use glam::{DQuat, DVec3};
-use polyptych_scene::{Bounds, SceneFeatures};
+use polyptych_scene::{Bounds, SceneFeatures, ToneMapper};
 use polyptych_text::text_of_peer;
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use crate::clip::{ClipChange, ClipStatus, ClipSummary};
 use crate::command::Goodbye;
 use crate::delivery::Delivery;
+use crate::environment::EnvironmentSource;
 use crate::exported_scene::ExportedScene;
 use crate::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
 use crate::follow::Follow;
@@ -197,6 +198,11 @@ pub enum Request {
     ChangeClips(ClipChange),
     /// Asks for the clips of the open scene.
     ListClips,
+    /// Surrounds scenes by light, until it is set again; answered once every live channel can draw
+    /// with it.
+    SetEnvironment(EnvironmentSource),
+    /// Sets how exposed light becomes what displays show, from the next frame on.
+    SetTone(ToneMapper),
 }
 
 impl Request {
@@ -244,6 +250,8 @@ impl Request {
             Self::SetBounds(_) => "set the bounds",
             Self::ChangeClips(_) => "play the animation",
             Self::ListClips => "list the animations",
+            Self::SetEnvironment(_) => "set the environment",
+            Self::SetTone(_) => "set the tone mapper",
         }
     }
 }

@@ -10,6 +10,7 @@ use polyptych_scene::{Edit, SceneEdits};
 use polyptych_wall::{ChannelCalibration, ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
+use crate::environment::Environment;
 use crate::ids::{Digest, Revision};
 use crate::limits::MESSAGE_BYTES_MAX;
 
@@ -41,6 +42,8 @@ pub enum Operation {
     EditScene(Arc<Vec<Edit>>),
     /// All that was changed of the open scene is this.
     SetEdits(Box<SceneEdits>),
+    /// Scenes are surrounded by this, or by their own sky if `None`.
+    SetEnvironment(Option<Environment>),
 }
 
 /// Maximum size of a wall's description, in encoded bytes: it travels in one message, beside a
@@ -86,6 +89,9 @@ pub struct Replica {
     pub scene: Option<SceneRef>,
     /// What was changed of it since it was opened.
     pub edits: SceneEdits,
+    /// What surrounds scenes, if not their own sky.
+    #[serde(default)]
+    pub environment: Option<Environment>,
     /// Fingerprints of the parts.
     parts: Parts,
 }
@@ -153,6 +159,7 @@ impl Replica {
                 }
             }
             Operation::SetEdits(edits) => self.edits = *edits,
+            Operation::SetEnvironment(environment) => self.environment = environment,
         }
         self.revision.0 += 1;
     }
@@ -180,7 +187,9 @@ impl Replica {
         let scene = self.scene.clone().map(Operation::OpenScene);
         let edits =
             (!self.edits.is_empty()).then(|| Operation::SetEdits(self.edits.clone().into()));
-        wall.into_iter().chain(scene).chain(edits).collect()
+        let environment = self.environment.clone();
+        let environment = environment.map(|of| Operation::SetEnvironment(Some(of)));
+        wall.into_iter().chain(scene).chain(edits).chain(environment).collect()
     }
 
     /// The state that a snapshot of this revision folds to.
@@ -201,6 +210,8 @@ impl Replica {
         let scene = self.scene.as_ref().map_or(0, |scene| part(2, &scene.manifest.0));
         let revision = part(3, &self.revision.0.to_le_bytes());
         let scene = scene.wrapping_add(self.edits.fingerprint());
+        let environment = self.environment.as_ref().map_or(0, |of| part(5, &of.blob.0));
+        let scene = scene.wrapping_add(environment);
         Digest(wall.wrapping_add(scene).wrapping_add(revision))
     }
 }
@@ -226,6 +237,13 @@ mod tests {
 
         replica.apply(Operation::CloseScene);
         assert_ne!(copy.digest(), replica.digest());
+
+        let environment = Environment { name: "sky".into(), blob: BlobHash::of(b"sky") };
+        replica.apply(Operation::SetEnvironment(Some(environment)));
+        let surrounded = Replica::from_snapshot(replica.revision, replica.snapshot());
+        assert_eq!((&surrounded, surrounded.digest()), (&replica, replica.digest()));
+        replica.environment = None;
+        assert_ne!(surrounded.digest(), replica.digest(), "the environment is in the digest");
     }
 
     #[test]

@@ -17,12 +17,14 @@ use bytes::Bytes;
 use crossbeam_channel::{Receiver, Sender};
 use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::command::Prepare;
+use polyptych_protocol::environment::Environment;
 use polyptych_protocol::ids::{Digest, Epoch};
 use polyptych_protocol::server_message::{Prepared, ServerMessage};
 use polyptych_protocol::state_log::{Replica, SceneRef};
 use polyptych_renderer::{ContentPlace, MovedItems, SceneLayout};
 use polyptych_scene::{
-    AssetManifests, AssetSet, Motion, NodeTraits, PlacedNodes, Scene, SceneFeatures,
+    AssetManifests, AssetSet, EnvironmentMap, Motion, NodeTraits, PlacedNodes, Scene,
+    SceneFeatures,
 };
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
@@ -54,6 +56,8 @@ pub(crate) struct LoadedState {
     /// Its scene.
     pub scene: Option<SceneVersion>,
     pub warm_up: Camera,
+    /// What surrounds it, if not its own sky.
+    pub environment: Option<LoadedEnvironment>,
     /// Of the channels of this server; the same as before where the wall is.
     pub plans: Arc<CorrectionPlans>,
     /// The decoded files of its wall.
@@ -70,6 +74,13 @@ pub(crate) struct SceneVersion {
     pub manifest: BlobHash,
     /// See [`SceneEdits::fingerprint`].
     pub edits: u64,
+}
+
+/// What surrounds scenes, decoded here and not between frames.
+#[derive(Clone, Debug)]
+pub(crate) struct LoadedEnvironment {
+    pub blob: BlobHash,
+    pub map: Arc<EnvironmentMap>,
 }
 
 /// The scene that the render thread was given last.
@@ -147,6 +158,7 @@ pub(crate) struct Loader {
     ready: Option<(Epoch, Replica)>,
     ready_plans: Option<(Wall, Arc<CorrectionPlans>)>,
     ready_scene: Option<ReadyScene>,
+    ready_environment: Option<LoadedEnvironment>,
     host_memory: HostMemory,
     /// The decoded files of the last wall: it changes in small things while it is adjusted.
     ready_maps: BTreeMap<BlobHash, Arc<CalibrationMap>>,
@@ -172,6 +184,7 @@ impl Loader {
             ready: None,
             ready_plans: None,
             ready_scene: None,
+            ready_environment: None,
             host_memory: HostMemory::default(),
             ready_maps: BTreeMap::new(),
             ready_shapes: None,
@@ -239,6 +252,10 @@ impl Loader {
         if scene.is_none() {
             self.sources.set_memory_warning(None);
         }
+        let environment = match &replica.environment {
+            None => None,
+            Some(environment) => Some(self.load_environment(environment, line)?),
+        };
         let digest = replica.digest();
         let revision = replica.revision;
         let shapes = self.shapes(replica.wall.as_deref(), &maps);
@@ -249,6 +266,7 @@ impl Loader {
             digest,
             scene: scene.as_ref().map(|scene| scene.version),
             warm_up: scene.as_ref().map_or(Camera::IDENTITY, |scene| scene.warm_up),
+            environment: environment.clone(),
             plans,
             maps,
             shapes,
@@ -259,8 +277,10 @@ impl Loader {
         let scene_bytes = finished.recv().map_err(|_| "the render thread has ended")??;
         self.ready = Some((epoch, replica));
         let features = scene.as_ref().map_or_else(SceneFeatures::default, |scene| scene.features);
-        let features = features.names().into_iter().map(Into::into).collect();
-        self.ready_scene = scene;
+        let features = features.names().into_iter();
+        let surrounded = environment.as_ref().map(|_| "environment");
+        let features = features.chain(surrounded).map(Into::into).collect();
+        (self.ready_scene, self.ready_environment) = (scene, environment);
         Ok(Prepared { epoch, revision, digest, features, scene_bytes })
     }
 
@@ -336,6 +356,21 @@ impl Loader {
         })?;
         self.ready_maps = maps;
         Ok(loaded)
+    }
+
+    /// The same as before where that is what surrounds scenes still.
+    fn load_environment(
+        &self,
+        of: &Environment,
+        line: &LoaderLink,
+    ) -> Result<LoadedEnvironment, String> {
+        if let Some(ready) = self.ready_environment.as_ref().filter(|ready| ready.blob == of.blob) {
+            return Ok(ready.clone());
+        }
+        let about = |reason| format!("environment {}: {reason}", of.name);
+        let bytes = self.blob(of.blob, line).map_err(about)?;
+        let map = EnvironmentMap::decode(&bytes).map_err(about)?;
+        Ok(LoadedEnvironment { blob: of.blob, map: Arc::new(map) })
     }
 
     fn load_scene(

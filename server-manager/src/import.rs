@@ -113,6 +113,20 @@ pub(crate) async fn bake_scene(
     hash.ok_or_else(|| format!("{}: the baker named no manifest", file.display()))
 }
 
+/// Bakes a file that becomes one blob. Returns its hash, and what the baker says of it.
+pub(crate) async fn bake_blob(
+    file: &Path,
+    baker: &Baker,
+    options: &[&str],
+) -> Result<(BlobHash, Option<String>), String> {
+    let baked = bake(file, baker, options, |_| {}).await?;
+    let hash = baked.pointer("/blob").and_then(|hash| hash.as_str());
+    let hash = hash.and_then(BlobHash::from_hex);
+    let hash = hash.ok_or_else(|| format!("{}: the baker named no blob", file.display()))?;
+    let warning = baked.get("warning").and_then(serde_json::Value::as_str);
+    Ok((hash, warning.map(str::to_owned)))
+}
+
 /// Reads a manifest that was baked.
 pub(crate) fn read_scene(folder: &BlobStore, manifest: BlobHash) -> Result<Scene, String> {
     let bytes = folder.read(manifest).map_err(|error| error.to_string())?;

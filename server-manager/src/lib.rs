@@ -11,6 +11,7 @@ mod bulk;
 pub mod capture;
 mod capture_sender;
 mod client_session;
+mod environment;
 pub mod import;
 mod mesh_walk;
 mod metrics;

@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clients::{ClientSeat, progress_of, wait_for_news};
-use importing::{BakedTransaction, Baking, Imported};
+use importing::{BakedRequest, Baking, Imported};
 use network::Network;
 use polyptych_core::log_limiter::LogLimiter;
 use polyptych_core::{self, ClientRequest, Effect, Input, Micros, SessionId};
@@ -175,8 +175,8 @@ struct EventLoop {
     keeper: Option<Keeper>,
     events: mpsc::Sender<Event>,
     imported: (mpsc::Sender<Imported>, mpsc::Receiver<Imported>),
-    baked_assets: (mpsc::Sender<BakedTransaction>, mpsc::Receiver<BakedTransaction>),
-    /// Transactions whose assets are being baked.
+    baked_assets: (mpsc::Sender<BakedRequest>, mpsc::Receiver<BakedRequest>),
+    /// Requests whose files are being baked.
     asset_bakes: Vec<ClientRequest>,
     /// What bakers say of their progress.
     progress: (mpsc::Sender<Baking>, mpsc::Receiver<Baking>),

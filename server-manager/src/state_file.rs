@@ -213,6 +213,7 @@ mod tests {
                 exposure: 1.5,
                 output_mode: OutputMode::Blank,
                 pattern: Some(TestPattern::Grid),
+                tone: polyptych_scene::ToneMapper::Aces,
             },
             pace: Some(Pacing::Rate(60.0)),
             tunings: vec![(
@@ -229,6 +230,10 @@ mod tests {
                 tour: Tour { stops: vec![TourStop::new(Camera::IDENTITY, 2.0)], is_loop: true },
                 from: Camera::IDENTITY,
                 clock: TourClock::Waiting { at_s: 1.5 },
+            }),
+            environment: Some(polyptych_protocol::environment::Environment {
+                name: "sky".into(),
+                blob: BlobHash([7; 32]),
             }),
             following: Some(FollowedNode {
                 follow: Follow {

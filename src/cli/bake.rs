@@ -6,7 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
+use glam::DVec3;
 use indicatif::{ProgressBar, ProgressStyle};
+use polyptych_baker::environment::{EnvironmentSource, SUN_DEFAULT, bake_environment};
 use polyptych_baker::map::{MapUse, bake_map};
 use polyptych_baker::{BakeCache, Baked, Progress, bake};
 use polyptych_files::blob::StoreUrl;
@@ -50,6 +52,10 @@ pub(super) struct Arguments {
     /// its UV places on the screen's canvas, as SGCT has them
     #[arg(long, requires = "used_as")]
     sgct_roles: bool,
+    /// With --as sky: the direction towards the sun as X,Y,Z, where Y is up; FILE is not read
+    #[arg(long, value_name = "X,Y,Z", requires = "used_as", value_parser = direction)]
+    #[arg(allow_hyphen_values = true)]
+    sun: Option<DVec3>,
     /// Put the blobs that are missing there into an object store too, such as
     /// s3://BUCKET/PREFIX; credentials and endpoint come from the environment
     #[arg(long, value_name = "URL")]
@@ -80,6 +86,10 @@ enum Use {
     ScreenMesh,
     /// Light of the pixels of a channel: PNG
     Mask,
+    /// What surrounds scenes: an equirectangular Radiance .hdr
+    Environment,
+    /// What surrounds scenes: a computed clear sky
+    Sky,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -226,6 +236,15 @@ fn run_map(
         },
         Use::ScreenMesh => MapUse::ScreenMesh,
         Use::Mask => MapUse::Mask,
+        Use::Environment => {
+            let source = EnvironmentSource::File(&arguments.file);
+            return run_environment(arguments, source, store, url, cancel);
+        }
+        Use::Sky => {
+            let sun = arguments.sun.unwrap_or(SUN_DEFAULT);
+            let source = EnvironmentSource::Sky { sun };
+            return run_environment(arguments, source, store, url, cancel);
+        }
     };
     let baked = bake_map(&arguments.file, used_as, store, cancel)?;
     let uploaded = url.map(|url| upload::upload(url, store, &[baked.blob], cancel)).transpose()?;
@@ -235,6 +254,34 @@ fn run_map(
     say(&baked.what)?;
     say(format_args!("blob {} in {}", baked.blob, arguments.output.display()))?;
     say_uploaded(url, uploaded.as_ref())
+}
+
+fn run_environment(
+    arguments: &Arguments,
+    source: EnvironmentSource<'_>,
+    store: &BakeCache,
+    url: Option<&StoreUrl>,
+    cancel: &AtomicBool,
+) -> anyhow::Result<()> {
+    let baked = bake_environment(source, store, cancel)?;
+    let uploaded = url.map(|url| upload::upload(url, store, &[baked.blob], cancel)).transpose()?;
+    if arguments.json {
+        return say_json(&baked, uploaded.as_ref());
+    }
+    say(&baked.what)?;
+    say_notes(&baked.warning.into_iter().collect::<Vec<_>>())?;
+    say(format_args!("blob {} in {}", baked.blob, arguments.output.display()))?;
+    say_uploaded(url, uploaded.as_ref())
+}
+
+/// A direction as an argument: three numbers, not all 0.
+fn direction(text: &str) -> Result<DVec3, String> {
+    let wrong = || format!("{text:?} is no direction; write X,Y,Z, such as 0.5,0.7,0.5");
+    let numbers: Vec<f64> = text.split(',').filter_map(|part| part.trim().parse().ok()).collect();
+    let [x, y, z] = numbers[..] else { return Err(wrong()) };
+    let direction = DVec3::new(x, y, z);
+    let is_one = text.split(',').count() == 3 && direction.try_normalize().is_some();
+    is_one.then_some(direction).ok_or_else(wrong)
 }
 
 fn cancel_on_interrupt(cancel: Arc<AtomicBool>, with_parent: bool) -> anyhow::Result<()> {

@@ -49,6 +49,16 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         "bound",
         &["polyptych bound --error 1", "polyptych bound --error 0.5 --rate 30", "polyptych bound"],
     ),
+    (
+        "environment",
+        &[
+            "polyptych environment studio.hdr",
+            "polyptych environment sky",
+            "polyptych environment none",
+        ],
+    ),
+    ("exposure", &["polyptych exposure -1.5", "polyptych exposure"]),
+    ("tone", &["polyptych tone aces", "polyptych tone"]),
     ("pick", &["polyptych pick front 960,540", "polyptych pick front 100,80 --json"]),
     ("query ray", &["polyptych query ray 0,1.7,20 0,0,-1 --max 100"]),
     ("query segment", &["polyptych query segment 0,1.7,20 12,30,-8"]),

@@ -178,7 +178,7 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
         viewport: viewport.map(f64::from),
         scissor: None,
         exposure: 1.0,
-        tone: ToneMapper::default(),
+        tone: polyptych_scene::ToneMapper::default(),
         subset: polyptych_scene::SceneSubset::default(),
         allowed_error: polyptych_renderer::AllowedError::NONE,
         has_shadows: false,

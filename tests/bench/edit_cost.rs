@@ -303,7 +303,6 @@ fn stage(base: &Scene) -> Stage {
         notes: Vec::new(),
         exposure: 1.0,
         clips: Vec::new(),
-        tone: ToneMapper::default(),
     };
     let scene = SceneRef { name: base.name.clone(), manifest: BlobHash::of(b"many") };
     let outline = Arc::new(SceneOutline::from(base));

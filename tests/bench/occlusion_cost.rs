@@ -16,7 +16,7 @@ use polyptych_renderer::{
     AllowedError, DrawStats, Gpu, GpuScene, OcclusionCulling, Renderer, SceneBuilder, Target,
     ViewDesc, read_pixels,
 };
-use polyptych_scene::SceneSubset;
+use polyptych_scene::{SceneSubset, ToneMapper};
 
 const SIZE: [u32; 2] = [1920, 1080];
 const FRAMES: usize = 24;

@@ -98,6 +98,7 @@ mod seen;
 mod soak;
 mod stopping;
 mod styles;
+mod surroundings;
 mod tidy;
 mod tours;
 mod trust;

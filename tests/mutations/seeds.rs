@@ -3,6 +3,7 @@
 
 #[path = "seeds/editing.rs"]
 pub mod editing;
+mod light;
 #[path = "seeds/maps.rs"]
 pub mod maps;
 #[path = "seeds/messages.rs"]

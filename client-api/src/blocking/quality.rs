@@ -1,6 +1,8 @@
-//! Exposure, and the bounds of error and rate, for those who wait.
+//! Light, and the bounds of error and rate, for those who wait.
 
+use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::quality_bounds::QualityBounds;
+use polyptych_scene::ToneMapper;
 
 use super::{Client, wait};
 use crate::error::ClientError;
@@ -12,6 +14,22 @@ impl Client {
     /// [`ClientError`].
     pub fn set_exposure(&self, exposure: f32) -> Result<(), ClientError> {
         wait(self.inner.set_exposure(exposure))
+    }
+
+    /// Blocking version of [`crate::Client::set_environment`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_environment(&self, environment: EnvironmentSource) -> Result<(), ClientError> {
+        wait(self.inner.set_environment(environment))
+    }
+
+    /// Blocking version of [`crate::Client::set_tone`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_tone(&self, tone: ToneMapper) -> Result<(), ClientError> {
+        wait(self.inner.set_tone(tone))
     }
 
     /// Blocking version of [`crate::Client::set_bounds`].

@@ -44,6 +44,7 @@ fn status() -> WallStatus {
         opening: Vec::new(),
         memory_bytes: 0,
         resolution_scale: 1.0,
+        environment: None,
     }
 }
 
@@ -161,6 +162,8 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
         Request::SetViews(Vec::new()),
         Request::Status,
         Request::SetExposure(0.5),
+        Request::SetTone(ToneMapper::Aces),
+        Request::SetEnvironment(EnvironmentSource::Sky),
         Request::RenderFrame { camera: None, time_s: None },
         Request::RenderFrame { camera: Some(camera), time_s: Some(4.0) },
         Request::Run(Pacing::Rate(30.0)),

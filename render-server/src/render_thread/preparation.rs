@@ -10,7 +10,7 @@ use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::quality_bounds::DetailBound;
-use polyptych_renderer::{GpuScene, ImageEncoding, SceneBuilder, Target};
+use polyptych_renderer::{Environment, GpuScene, ImageEncoding, SceneBuilder, Target};
 use polyptych_scene::Scene;
 
 use super::{Correctors, ReadyState, RenderThread, STATES_MAX, WARM_UP_SIDE};
@@ -45,6 +45,7 @@ impl RenderThread {
         } else {
             return Err("the scene could not be built; the server's log says why".to_owned());
         };
+        let (scene, is_same_kind) = self.surrounded(&state, scene);
         self.arrange_windows(&state);
         let start = Instant::now();
         let correctors = self.correctors(&state)?;
@@ -52,7 +53,7 @@ impl RenderThread {
         tracing::debug!(correctors_us, "the channels' corrections are on the GPU");
         self.expect(&state);
         // Another wall around the same scene, as tunings bring it many times a second.
-        if !is_known || state.samples() != Some(self.renderer.samples()) {
+        if !is_known || !is_same_kind || state.samples() != Some(self.renderer.samples()) {
             self.warm_up(&state, &scene, &correctors)?;
         } else if relayout.is_some_and(|(_, moved)| moved.is_none()) {
             // An edit may need a pipeline that the scene did not; what moves needs none.
@@ -64,6 +65,30 @@ impl RenderThread {
         let scene_bytes = scene.content_bytes();
         self.states.push_back(ReadyState { state, scene, correctors });
         Ok(scene_bytes)
+    }
+
+    /// A scene in what surrounds it in a state, and whether the pipelines of the state before
+    /// draw that.
+    fn surrounded(&self, state: &LoadedState, scene: Rc<GpuScene>) -> (Rc<GpuScene>, bool) {
+        let latest = self.states.back();
+        let held = latest.and_then(|latest| {
+            let of = latest.state.environment.as_ref()?;
+            Some((of.blob, latest.scene.environment()?))
+        });
+        let environment = state.environment.as_ref().map(|wanted| match held {
+            Some((blob, held)) if blob == wanted.blob => Arc::clone(held),
+            _ => Arc::new(Environment::new(&self.gpu, &wanted.map)),
+        });
+        let is_same_kind = held.is_some() == environment.is_some();
+        let is_it = match (scene.environment(), &environment) {
+            (Some(has), Some(wanted)) => Arc::ptr_eq(has, wanted),
+            (None, None) => true,
+            _ => false,
+        };
+        if is_it {
+            return (scene, is_same_kind);
+        }
+        (Rc::new(scene.with_environment(environment)), is_same_kind)
     }
 
     /// What corrects the channels of a state: as before, where its wall is.

@@ -108,6 +108,7 @@ impl RenderThreadFixture {
         let digest = replica.digest();
         let (scene, warm_up, plans) = (None, Camera::IDENTITY, Arc::new(plans));
         let state = LoadedState {
+            environment: None,
             epoch: EPOCH,
             replica,
             digest,

@@ -96,6 +96,7 @@ impl Cluster {
             // The core has no system to ask.
             memory_bytes: 0,
             resolution_scale: self.resolution_scale(),
+            environment: self.shown.environment.as_ref().map(|of| of.name.clone()),
         }
     }
 

@@ -208,6 +208,7 @@ impl Cluster {
             ChangeOrigin::Tuning { wall, tuners } => {
                 self.commit_calibration(now, *wall, tuners, &failed);
             }
+            ChangeOrigin::Environment { job } => self.commit_environment(now, job, &failed),
         }
         self.end_temporary(now);
     }
@@ -255,7 +256,7 @@ impl Cluster {
     /// Tells all who wait for a change that it is not done.
     pub(super) fn refuse(&mut self, purpose: &ChangeOrigin, reason: &str) {
         let jobs: Vec<_> = match purpose {
-            ChangeOrigin::Scene { job, .. } => vec![*job],
+            ChangeOrigin::Scene { job, .. } | ChangeOrigin::Environment { job } => vec![*job],
             ChangeOrigin::Tuning { tuners, .. } => tuners.iter().map(|tuner| tuner.job).collect(),
             ChangeOrigin::Edit { waiters } => waiters.iter().map(EditWaiter::job).collect(),
         };

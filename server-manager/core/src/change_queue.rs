@@ -44,6 +44,8 @@ pub(super) enum ChangeOrigin {
     Edit { waiters: Vec<EditWaiter> },
     /// The same scene on a wall that is adjusted otherwise.
     Tuning { wall: Box<Wall>, tuners: Vec<CalibrationWaiter> },
+    /// The same scene in other surroundings.
+    Environment { job: ClientRequest },
 }
 
 impl StateChange {
@@ -51,7 +53,7 @@ impl StateChange {
     pub fn tuning(&mut self) -> Option<(&mut Box<Wall>, &mut Vec<CalibrationWaiter>)> {
         match &mut self.purpose {
             ChangeOrigin::Tuning { wall, tuners } => Some((wall, tuners)),
-            ChangeOrigin::Scene { .. } | ChangeOrigin::Edit { .. } => None,
+            _ => None,
         }
     }
 
@@ -73,7 +75,7 @@ impl StateChange {
     pub fn wall(&self) -> Option<&Wall> {
         match &self.purpose {
             ChangeOrigin::Tuning { wall, .. } => Some(wall),
-            ChangeOrigin::Scene { .. } | ChangeOrigin::Edit { .. } => None,
+            _ => None,
         }
     }
 

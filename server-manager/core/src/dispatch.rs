@@ -75,6 +75,8 @@ impl Cluster {
             Request::SetViews(views) => self.request_views(views)?,
             Request::SetExposure(exposure) => self.set_exposure(exposure)?,
             Request::SetBounds(bounds) => self.set_bounds(bounds)?,
+            Request::SetTone(tone) => self.presentation.tone = tone,
+            Request::SetEnvironment(source) => return self.set_environment(now, job, source),
             frame @ (Request::RenderFrame { .. }
             | Request::Capture { .. }
             | Request::SetDisplays(_)

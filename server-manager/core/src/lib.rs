@@ -16,6 +16,7 @@ mod counters;
 mod deadline;
 mod detail;
 mod dispatch;
+mod environment;
 mod follow;
 mod input;
 pub mod log_limiter;

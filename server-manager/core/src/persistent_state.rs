@@ -1,5 +1,6 @@
 //! What outlives a manager: remembered before a client is told that it was done.
 
+use polyptych_protocol::environment::Environment;
 use polyptych_protocol::ids::{Epoch, Revision};
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::request::Pacing;
@@ -51,6 +52,9 @@ pub struct PersistentState {
     /// The clips of the open scene.
     #[serde(default)]
     pub clips: PlayedClips,
+    /// What surrounds scenes, if not their own sky.
+    #[serde(default)]
+    pub environment: Option<Environment>,
 }
 
 impl PersistentState {
@@ -71,6 +75,7 @@ impl PersistentState {
             tour: None,
             following: None,
             clips: PlayedClips::default(),
+            environment: None,
         }
     }
 
@@ -119,8 +124,11 @@ impl Cluster {
             cluster.notes.clone_from(&memory.notes);
             cluster.navigator.bounds = memory.bounds;
         }
+        if memory.environment.is_some() {
+            cluster.shown.apply(Operation::SetEnvironment(memory.environment.clone()));
+        }
         // It goes with the scene: lights in real units are white at any other.
-        let Presentation { camera, head, ref views, exposure, output_mode, pattern, bounds } =
+        let Presentation { camera, head, ref views, exposure, output_mode, pattern, bounds, tone } =
             memory.presentation;
         if exposure.is_finite() && exposure >= 0.0 {
             cluster.presentation.exposure = exposure;
@@ -158,6 +166,7 @@ impl Cluster {
         cluster.set_pace(memory.pace, 0);
         cluster.presentation.output_mode = output_mode;
         cluster.presentation.pattern = pattern;
+        cluster.presentation.tone = tone;
         if let Err(reason) = cluster.set_bounds(bounds) {
             tracing::warn!(reason, "the bounds that were remembered cannot be");
         }
@@ -185,6 +194,7 @@ impl Cluster {
             tour: self.remembered_tour(),
             following: self.remembered_following(),
             clips: self.remembered_clips(),
+            environment: self.shown.environment.clone(),
         }
     }
 

@@ -41,7 +41,7 @@ impl ChangeQueue {
     pub fn jobs(&self) -> impl Iterator<Item = ClientRequest> {
         let purposes = self.queued().chain(self.current()).map(|change| &change.purpose);
         let scenes = purposes.filter_map(|purpose| match purpose {
-            ChangeOrigin::Scene { job, .. } => Some(*job),
+            ChangeOrigin::Scene { job, .. } | ChangeOrigin::Environment { job } => Some(*job),
             _ => None,
         });
         let edits = self.editors().map(EditWaiter::job);

@@ -1,6 +1,7 @@
 //! What a manager was told, in plain words.
 
 use polyptych_core::Input;
+use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{Pacing, Request};
 use polyptych_protocol::server_message::ServerMessage;
@@ -71,6 +72,11 @@ pub(super) fn of_request(request: &Request) -> String {
         Request::SetBounds(QualityBounds { error_px, rate_fps: Some(rate) }) => {
             format!("{name} to {error_px} pixels and {rate} frames per second")
         }
+        Request::SetTone(tone) => format!("{name} to {}", tone.name()),
+        Request::SetEnvironment(EnvironmentSource::Baked(of)) => {
+            format!("{name} to {}", text(&of.name))
+        }
+        Request::SetEnvironment(EnvironmentSource::None) => format!("{name} to none"),
         Request::Run(Pacing::Free) => "run as fast as the wall can".to_owned(),
         Request::Run(Pacing::Rate(rate)) => format!("run at {rate} frames per second"),
         Request::SetDisplays(mode) => format!("{name} to {}", mode.name()),

@@ -3,6 +3,7 @@
 use polyptych_core::{ClientRequest, Input, Micros, SessionId};
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::delivery::QUEUED_REQUESTS_MAX;
+use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::process;
 use polyptych_protocol::request::{MessageToClient, Request, Response};
@@ -88,6 +89,9 @@ impl EventLoop {
                             if let Some(assets) = transaction.assets.take() {
                                 self.bake_assets(from, id, transaction, assets);
                             }
+                        }
+                        Request::SetEnvironment(source) if source != EnvironmentSource::None => {
+                            self.bake_environment(from, id, source);
                         }
                         request @ (Request::SaveScene { .. }
                         | Request::ListSavedScenes

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use polyptych_core::{ClientRequest, Input, SessionId};
 use polyptych_files::blob::{BlobHash, BlobStore};
+use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::{OpenProgress, OpenStage};
 use polyptych_protocol::request::{MessageToClient, Request, RequestError};
@@ -13,10 +14,10 @@ use tracing::Instrument;
 
 use super::EventLoop;
 use super::saving::SharedStore;
-use crate::assets;
 use crate::import::{self, Baker, Import};
+use crate::{assets, environment};
 
-/// Most transactions of one client whose assets are being baked.
+/// Most requests of one client whose files are being baked.
 const ASSET_BAKES_MAX: usize = 16;
 
 /// How far the bake has come that a client waits for.
@@ -35,10 +36,20 @@ async fn open_saved(
     read.map_err(|error| error.to_string())?
 }
 
-/// Assets of a transaction that were baked.
-pub(super) struct BakedTransaction {
+/// A request whose files were baked.
+pub(super) struct BakedRequest {
     job: ClientRequest,
-    result: Result<(Transaction, Vec<BlobHash>), String>,
+    result: Result<BakedFiles, String>,
+}
+
+/// What bakes made of a request.
+struct BakedFiles {
+    /// What the core is asked instead.
+    request: Request,
+    /// What servers may now ask for.
+    blobs: Vec<BlobHash>,
+    /// What the client should know of them.
+    warning: Option<String>,
 }
 
 /// A bake that has ended.
@@ -65,38 +76,69 @@ impl EventLoop {
         transaction: Transaction,
         assets: NewAssets,
     ) {
-        let job = ClientRequest { client, id };
-        if self.asset_bakes.iter().filter(|of| of.client == client).count() >= ASSET_BAKES_MAX {
+        let (roots, baker) = (self.options.scene_roots.clone(), self.options.baker.clone());
+        self.bake_request(ClientRequest { client, id }, async move {
+            let (transaction, blobs) = assets::bake(transaction, assets, &roots, &baker).await?;
+            Ok(BakedFiles { request: Request::Edit(transaction), blobs, warning: None })
+        });
+    }
+
+    /// Bakes what is to surround scenes; then it is a request as any.
+    pub(super) fn bake_environment(
+        &mut self,
+        client: SessionId,
+        id: RequestId,
+        source: EnvironmentSource,
+    ) {
+        let (roots, baker) = (self.options.scene_roots.clone(), self.options.baker.clone());
+        let shown =
+            self.cluster.shown_scene().map(|(scene, edits)| (scene.manifest, edits.clone()));
+        self.bake_request(ClientRequest { client, id }, async move {
+            let (environment, warning) = environment::bake(source, &roots, &baker, shown).await?;
+            let blobs = vec![environment.blob];
+            let request = Request::SetEnvironment(EnvironmentSource::Baked(environment));
+            Ok(BakedFiles { request, blobs, warning })
+        });
+    }
+
+    /// Bakes the files of a request in their turn.
+    fn bake_request(
+        &mut self,
+        job: ClientRequest,
+        bake: impl Future<Output = Result<BakedFiles, String>> + Send + 'static,
+    ) {
+        if self.asset_bakes.iter().filter(|of| of.client == job.client).count() >= ASSET_BAKES_MAX {
             let reason = format!(
-                "assets of {ASSET_BAKES_MAX} transactions of this client are being read already; \
-                 await some first"
+                "files of {ASSET_BAKES_MAX} requests of this client are being read already; await \
+                 some first"
             );
             return self.refuse(job, reason);
         }
         self.asset_bakes.push(job);
-        let (roots, baker) = (self.options.scene_roots.clone(), self.options.baker.clone());
         let (done, turns) = (self.baked_assets.0.clone(), Arc::clone(&self.bakes));
         let work = async move {
             // Nobody closes it, so there is always a turn.
             let _turn = turns.acquire().await;
-            let result = assets::bake(transaction, assets, &roots, &baker).await;
+            let result = bake.await;
             // The manager may have ended meanwhile.
-            let _ = done.send(BakedTransaction { job, result }).await;
+            let _ = done.send(BakedRequest { job, result }).await;
         };
         tokio::spawn(work.instrument(self.cluster.request_span(job)));
     }
 
-    pub(super) fn handle_baked_assets(&mut self, baked: BakedTransaction) {
+    pub(super) fn handle_baked_assets(&mut self, baked: BakedRequest) {
         let job = baked.job;
         self.asset_bakes.retain(|of| *of != job);
         if !self.clients.contains_key(&job.client) {
             return;
         }
         match baked.result {
-            Ok((transaction, blobs)) => {
+            Ok(BakedFiles { request, blobs, warning }) => {
                 self.allowed.allow(&blobs);
                 let ClientRequest { client, id } = job;
-                let request = Request::Edit(transaction);
+                if let Some(warning) = warning {
+                    self.answer(client, MessageToClient::Warning { id, warning });
+                }
                 self.tell(self.now(), Input::Request { client, id, request });
             }
             Err(reason) => self.refuse(job, reason),

@@ -61,6 +61,13 @@ pub(super) fn start_cluster(
             }
         }
     }
+    let blobs = BlobStore::new(options.baker.store.join("blobs"));
+    if let Some(environment) = memory.environment.take_if(|of| !blobs.contains(of.blob)) {
+        let name = environment.name;
+        tracing::warn!(name, "the last environment is not in the store any more");
+        memory.revision.0 += 1;
+    }
+    allowed.allow(&memory.environment.iter().map(|of| of.blob).collect::<Vec<_>>());
     // What was said once is not said again by the next manager.
     if has_changed && let Err(error) = state.save(&memory, true) {
         tracing::warn!(path = %state.path().display(), %error, "cannot remember the state");

@@ -201,9 +201,10 @@ fn trouble_in_words(trouble: &Trouble) -> String {
 
 fn wall_in_words(status: &WallStatus, rates: &Rates) -> String {
     format!(
-        "wall {}  scene {}  revision {}  frame {}  {} fps  deadline {:.0} ms  {}",
+        "wall {}  scene {}{}  revision {}  frame {}  {} fps  deadline {:.0} ms  {}",
         status.wall,
         status.scene.as_deref().unwrap_or("none"),
+        status.environment.as_ref().map_or_else(String::new, |of| format!(" in {of}")),
         status.revision,
         status.frame,
         rates.wall().map_or_else(|| "-".into(), |rate| format!("{rate:.1}")),

@@ -51,6 +51,7 @@ use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::{ChannelId, Wall};
 
 use super::editing::{answers_about_space, follow, regions, scene_edits, transaction, walked, way};
+use super::light::{environment, lights};
 use crate::message::Kind;
 
 /// The manager's life in all seeds, so that the core takes them for its own.
@@ -139,6 +140,7 @@ fn commands() -> Vec<Command> {
         Operation::EditScene(transaction().edits.into()),
         Operation::CloseScene,
         Operation::SetEdits(Box::new(scene_edits())),
+        Operation::SetEnvironment(Some(environment())),
     ];
     let part = Area::Screen { screen: 0, rect: [10, 20, 100, 200] };
     let projection = ViewProjection::Orthographic { height_m: 50.0 };
@@ -306,6 +308,7 @@ fn calls() -> Vec<RequestMessage> {
         Request::ExportScene { saved: Some("evening".into()) },
     ];
     let requests = requests.into_iter().chain(regions().map(Request::FindInRegion));
+    let requests = requests.chain(lights());
     let call = |(request, id)| RequestMessage::new(RequestId(id), request);
     requests.zip(1..).map(call).collect()
 }
@@ -376,6 +379,7 @@ fn status() -> WallStatus {
         opening: vec![Opening { scene: "town".into(), progress: OpenProgress::NONE }],
         memory_bytes: 81_000_000,
         resolution_scale: 0.5,
+        environment: Some("studio.hdr".into()),
         presentation: Presentation {
             output_mode: OutputMode::Freeze,
             pattern: Some(TestPattern::Grid),

@@ -123,6 +123,7 @@ fn drawn(wall: &Wall, scene: &SceneFixture, views: &[View], steps: &[u8]) -> Vec
     let operations = vec![Operation::SetWall(Box::new(wall.clone()))];
     let replica = Replica::from_snapshot(Revision(1), operations);
     let state = Arc::new(LoadedState {
+        environment: None,
         epoch: EPOCH,
         digest: replica.digest(),
         replica,

@@ -43,6 +43,7 @@ pub fn wall(channels: usize) -> WallStatus {
         opening: Vec::new(),
         memory_bytes: 81_000_000,
         resolution_scale: 1.0,
+        environment: None,
         presentation: Presentation::new(HeadPose::facing_forward(DVec3::X, 0.05)),
     }
 }

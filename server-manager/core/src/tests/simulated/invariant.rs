@@ -233,7 +233,8 @@ impl InvariantChecker {
             Operation::Adjust { .. }
             | Operation::MoveBend { .. }
             | Operation::EditScene(_)
-            | Operation::SetEdits(_) => None,
+            | Operation::SetEdits(_)
+            | Operation::SetEnvironment(_) => None,
             Operation::SetWall(_) => prepare.base.is_none().then_some(None),
         });
         for session in to {

@@ -1,0 +1,155 @@
+//! Light from all around, from a file to all displays; and tone mappers.
+
+use std::path::Path;
+
+use image::RgbaImage;
+use polyptych_client::blocking::Client;
+use polyptych_client::glam::DVec3;
+use polyptych_client::{Camera, ChannelState, EnvironmentSource, ToneMapper};
+use serde_json::json;
+
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, screen_of, shot, small};
+use crate::harness::pictures::{IDENTICAL, check};
+use crate::harness::place::TestDir;
+use crate::harness::scenes::Gltf;
+
+const VIEW: Camera = Camera { position: DVec3::new(0.3, 0.3, 1.5), ..Camera::IDENTITY };
+
+/// A polished triangle, and the sun that it stands in.
+fn triangle() -> Vec<u8> {
+    let gltf = Gltf::triangle().with(|gltf| {
+        gltf.json["materials"] = json!([{
+            "doubleSided": true,
+            "pbrMetallicRoughness": { "roughnessFactor": 0.2, "metallicFactor": 1.0 },
+        }]);
+        gltf.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    });
+    gltf.glb()
+}
+
+/// A Radiance file: dim, with a bright half around +X, and blue above.
+fn hdr() -> Vec<u8> {
+    let (width, height) = (64, 32);
+    let head = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n");
+    let mut bytes = head.into_bytes();
+    for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
+        let bright: u8 = if (16..48).contains(&x) { 200 } else { 60 };
+        let blue: u8 = if y < height / 2 { 220 } else { 30 };
+        bytes.extend([bright, 90, blue, 127]);
+    }
+    bytes
+}
+
+fn wall() -> LocalWall {
+    let place = TestDir::new();
+    place.write("studio.hdr", hdr());
+    place.write("cut.hdr", &hdr()[..500]);
+    place.write("words.hdr", "not a picture at all");
+    let scene = place.write("triangle.glb", triangle());
+    let folder = scene.parent().expect("a folder").to_owned();
+    LocalWall::start_in(place, &small(2, 1), &[&folder], ANY_PORT)
+}
+
+fn picture(client: &Client) -> RgbaImage {
+    screen_of(&shot(client, VIEW))
+}
+
+fn file(name: &str) -> EnvironmentSource {
+    EnvironmentSource::File { path: name.into() }
+}
+
+fn name(client: &Client) -> Option<String> {
+    client.status().expect("status").environment
+}
+
+#[test]
+fn surroundings_come_to_all_displays_and_outlive_servers_and_managers() {
+    let mut local = wall();
+    let client = local.client();
+    client.open_scene("triangle.glb").expect("opened");
+    let before = picture(&client);
+
+    client.set_environment(file("studio.hdr")).expect("set");
+    assert_eq!(name(&client).as_deref(), Some("studio.hdr"));
+    let surrounded = picture(&client);
+    assert_ne!(surrounded, before);
+    // The camera looks along −Z, a quarter of the picture left of +X: above is blue, and the
+    // right half of what is below is brighter than the left one.
+    let (width, height) = surrounded.dimensions();
+    let [above, left, right] = [(width / 2, 2), (2, height - 3), (width - 3, height - 3)]
+        .map(|(x, y)| surrounded.get_pixel(x, y).0);
+    assert!(above[2] > above[0].max(above[1]), "{above:?}");
+    assert!(right[0] > left[0] + 40, "{left:?} and {right:?}");
+    // Both displays agree where they meet: no step of a pixel is larger than elsewhere.
+    let row = |x: u32| i32::from(surrounded.get_pixel(x, 2).0[2]);
+    assert!((row(width / 2 - 1) - row(width / 2)).abs() <= 2, "a seam in the sky");
+
+    // What cannot be read changes nothing, and says which file and why.
+    for (wrong, part) in [
+        ("cut.hdr", "cannot be read as Radiance"),
+        ("words.hdr", "not a Radiance .hdr"),
+        ("triangle.glb", "not a Radiance .hdr"),
+        ("none.hdr", "not found"),
+        ("../../etc/passwd", "scene folders"),
+    ] {
+        let reason = client.set_environment(file(wrong)).expect_err(wrong).to_string();
+        let asked = Path::new(wrong).file_name().and_then(|name| name.to_str()).unwrap_or(wrong);
+        assert!(reason.contains(part) && reason.contains(asked), "{wrong}: {reason}");
+    }
+    check("as it was", &picture(&client), &surrounded, &IDENTICAL);
+
+    // A server that comes later has it, and so has a manager.
+    let server = local.servers.keys().next().expect("a server").clone();
+    local.servers.remove(&server).expect("a server").kill();
+    local.await_lost(&client, &server);
+    local.start_server(&server);
+    await_states(&client, &[ChannelState::Live]);
+    check("joined", &picture(&client), &surrounded, &IDENTICAL);
+    local.manager.kill();
+    let wall = local.wall().clone();
+    let LocalWall { place, address, servers, .. } = local;
+    let scenes = place.path("");
+    let mut local = LocalWall::manager(place, &wall, &[&scenes], &address);
+    local.servers = servers;
+    let client = local.client();
+    await_states(&client, &[ChannelState::Ready, ChannelState::Live]);
+    assert_eq!(name(&client).as_deref(), Some("studio.hdr"));
+    check("restarted", &picture(&client), &surrounded, &IDENTICAL);
+
+    // Another scene stands in the same surroundings, until they are taken away.
+    client.close_scene().expect("closed");
+    let empty = picture(&client);
+    assert_eq!(empty.get_pixel(0, 0), surrounded.get_pixel(0, 0));
+    client.open_scene("triangle.glb").expect("opened");
+    check("again", &picture(&client), &surrounded, &IDENTICAL);
+    client.set_environment(EnvironmentSource::None).expect("set");
+    assert_eq!(name(&client), None);
+    check("without", &picture(&client), &before, &IDENTICAL);
+}
+
+#[test]
+fn a_computed_sky_is_brighter_above_than_below_and_tone_mappers_differ() {
+    let local = wall();
+    let client = local.client();
+    client.open_scene("triangle.glb").expect("opened");
+    let neutral = picture(&client);
+    client.set_environment(EnvironmentSource::Sky).expect("set");
+    assert_eq!(name(&client).as_deref(), Some("sky"));
+    let sky = picture(&client);
+    let (width, height) = sky.dimensions();
+    let [above, below] = [2, height - 3].map(|y| sky.get_pixel(width / 2, y).0);
+    assert!(above[2] > above[0], "blue: {above:?}");
+    assert!(above[2] > below[2] + 20, "{above:?} above {below:?}");
+
+    client.set_environment(EnvironmentSource::None).expect("set");
+    let mut seen = vec![neutral];
+    for tone in [ToneMapper::Aces, ToneMapper::None] {
+        client.set_tone(tone).expect("set");
+        assert_eq!(client.presentation().expect("status").tone, tone);
+        let shown = picture(&client);
+        assert!(!seen.contains(&shown), "{tone:?} looks as another one");
+        seen.push(shown);
+    }
+    client.set_tone(ToneMapper::Neutral).expect("set");
+    check("neutral", &picture(&client), &seen[0], &IDENTICAL);
+}
