@@ -4,6 +4,7 @@ mod bounds;
 mod clips;
 mod displays;
 mod editing;
+mod environment;
 mod failures;
 mod follow;
 mod found;

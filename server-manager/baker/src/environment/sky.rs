@@ -24,11 +24,16 @@ const TURBIDITY: f64 = 3.0;
 /// light as the sky of a scene that brings none.
 const RADIANCE_PER_KCD: f64 = 0.05;
 
-/// Albedo of the ground, as dry soil's.
-const GROUND_ALBEDO: f64 = 0.2;
+/// Albedo of the ground: dry soil.
+const GROUND_ALBEDO: DVec3 = DVec3::new(0.24, 0.20, 0.16);
 
-/// Pixels across: 0.35° each, a little more than a texel of the largest map.
-const WIDTH: u32 = 1024;
+/// The sun's illuminance above the air in lux/1,000, and how much of it is lost along the shortest
+/// way through clear air: Illuminating Engineering Society, RP-21 (1984).
+const SUN_KLX: f64 = 127.5;
+const SUN_EXTINCTION: f64 = 0.21;
+
+/// Pixels across: 0.7° each, which is fine for what has no edge but the horizon.
+const WIDTH: u32 = 512;
 
 /// Directions for each pixel down, so that the horizon is smooth.
 const STEPS_DOWN: u32 = 4;
@@ -63,7 +68,10 @@ pub(super) fn picture(sun: DVec3) -> Equirect {
         irradiance += row.iter().sum::<DVec3>() * ((v * PI).cos() * solid_angle);
         rows.push(row);
     }
-    let ground = (irradiance * (GROUND_ALBEDO / PI)).as_vec3();
+    // The ground lies in the sun too, whatever light of the scene that is.
+    let sun_klx = SUN_KLX * (-SUN_EXTINCTION / sun.y).exp() * sun.y;
+    irradiance += DVec3::splat(sun_klx * RADIANCE_PER_KCD);
+    let ground = (irradiance * GROUND_ALBEDO / PI).as_vec3();
     let above = rows.into_iter().flatten().map(|radiance| radiance.as_vec3());
     let below = std::iter::repeat_n(ground, (WIDTH * (height - height / 2)) as usize);
     Equirect { width: WIDTH, height, pixels: above.chain(below).collect::<Vec<Vec3>>() }
@@ -177,6 +185,10 @@ mod tests {
         let default = luminance(crate::SKY_DEFAULT.as_dvec3());
         let share = luminance(up) / default;
         assert!((0.5..2.0).contains(&share), "{share} of the default sky's light");
+        // 95 klx through the air, 67 klx on level ground, and a fifth of it reflected: the sun's
+        // part is 0.21, and the ground is no bluer than what lights it.
+        let ground = picture.pixels[picture.pixels.len() - 1];
+        assert!((0.2..0.35).contains(&ground.y) && ground.z < 1.3 * ground.x, "{ground}");
     }
 
     #[test]
