@@ -77,6 +77,9 @@ impl EnvironmentMap {
     /// The bytes are no map, or one with a side or a number that no map has.
     pub fn decode(bytes: &[u8]) -> Result<Self, String> {
         let fault = |what: &str| format!("the environment's blob {what}; set it again");
+        if bytes.len() > ENVIRONMENT_BYTES_MAX {
+            return Err(fault(&format!("has more than {ENVIRONMENT_BYTES_MAX} bytes")));
+        }
         let head = bytes.first_chunk::<HEAD_BYTES>().ok_or_else(|| fault("is cut off"))?;
         if head[..4] != MAGIC {
             return Err(fault("is not one that this version reads"));

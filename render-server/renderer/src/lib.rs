@@ -186,6 +186,11 @@ impl Renderer {
         self.shadows.is_off = shadows == ShadowFilter::Off;
     }
 
+    /// The tone mapper of the last frame, which scenes are prepared for.
+    pub fn tone(&self) -> ToneMapper {
+        self.tone
+    }
+
     /// Samples per pixel.
     pub fn samples(&self) -> u32 {
         self.samples

@@ -144,7 +144,11 @@ impl RenderThread {
             frame: FrameId(0),
             time_s: 0.0,
             revision: state.replica.revision,
-            presentation: Presentation { camera: state.warm_up, ..Presentation::new(wall.head()) },
+            presentation: Presentation {
+                camera: state.warm_up,
+                tone: self.renderer.tone(),
+                ..Presentation::new(wall.head())
+            },
             capture: false,
             detail: DetailBound::default(),
             clips: Vec::new(),

@@ -49,6 +49,13 @@ pub(super) enum ChangeOrigin {
 }
 
 impl StateChange {
+    /// No scene, for a client that asks for that.
+    pub fn closing(job: ClientRequest) -> Self {
+        let operations = vec![Operation::CloseScene];
+        let purpose = ChangeOrigin::Scene { job, summary: None, outline: None, next_node: 0 };
+        Self { operations, purpose }
+    }
+
     /// The wall that it leads to, where it is a tuning, and who waits for that.
     pub fn tuning(&mut self) -> Option<(&mut Box<Wall>, &mut Vec<CalibrationWaiter>)> {
         match &mut self.purpose {

@@ -3,11 +3,9 @@
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Pacing, Request, RequestError, Response};
-use polyptych_protocol::state_log::Operation;
 use polyptych_wall::limits::PATH_BYTES_MAX;
 use tracing::Level;
 
-use super::change_queue::ChangeOrigin;
 use super::presentation::checked_camera;
 use super::{
     ClientRequest, Cluster, Effect, FRAME_ORDERS_MAX, FrameRequest, Importing, Micros,
@@ -64,10 +62,7 @@ impl Cluster {
             Request::OpenScene { path } => return self.import(job, path),
             Request::OpenOutcome { session, of } => return self.claim_outcome(job, session, of),
             Request::CloseScene => {
-                let operations = vec![Operation::CloseScene];
-                let purpose =
-                    ChangeOrigin::Scene { job, summary: None, outline: None, next_node: 0 };
-                self.request_change(now, StateChange { operations, purpose });
+                self.request_change(now, StateChange::closing(job));
                 return Ok(None);
             }
             Request::SetCamera(camera) => self.place_camera(checked_camera(camera)?),

@@ -76,12 +76,13 @@ pub(super) fn of_request(request: &Request) -> String {
         Request::SetEnvironment(EnvironmentSource::Baked(of)) => {
             format!("{name} to {}", text(&of.name))
         }
-        Request::SetEnvironment(EnvironmentSource::None) => format!("{name} to none"),
         Request::Run(Pacing::Free) => "run as fast as the wall can".to_owned(),
         Request::Run(Pacing::Rate(rate)) => format!("run at {rate} frames per second"),
         Request::SetDisplays(mode) => format!("{name} to {}", mode.name()),
         Request::SetPattern(Some(pattern)) => format!("{name} to {}", pattern.name()),
-        Request::SetPattern(None) => format!("{name} to none"),
+        Request::SetPattern(None) | Request::SetEnvironment(EnvironmentSource::None) => {
+            format!("{name} to none")
+        }
         Request::Edit(transaction) => {
             format!("{name}: {}", counted(transaction.edits.len(), "edit"))
         }

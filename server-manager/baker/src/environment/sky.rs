@@ -72,7 +72,7 @@ pub(super) fn picture(sun: DVec3) -> Equirect {
     let sun_klx = SUN_KLX * (-SUN_EXTINCTION / sun.y).exp() * sun.y;
     irradiance += DVec3::splat(sun_klx * RADIANCE_PER_KCD);
     let ground = (irradiance * GROUND_ALBEDO / PI).as_vec3();
-    let above = rows.into_iter().flatten().map(|radiance| radiance.as_vec3());
+    let above = rows.into_iter().flatten().map(DVec3::as_vec3);
     let below = std::iter::repeat_n(ground, (WIDTH * (height - height / 2)) as usize);
     Equirect { width: WIDTH, height, pixels: above.chain(below).collect::<Vec<Vec3>>() }
 }
