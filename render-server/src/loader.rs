@@ -6,6 +6,7 @@
 mod held_part;
 mod host_memory;
 mod moves;
+mod surroundings;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -17,14 +18,12 @@ use bytes::Bytes;
 use crossbeam_channel::{Receiver, Sender};
 use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::command::Prepare;
-use polyptych_protocol::environment::Environment;
 use polyptych_protocol::ids::{Digest, Epoch};
 use polyptych_protocol::server_message::{Prepared, ServerMessage};
 use polyptych_protocol::state_log::{Replica, SceneRef};
 use polyptych_renderer::{ContentPlace, MovedItems, SceneLayout};
 use polyptych_scene::{
-    AssetManifests, AssetSet, EnvironmentMap, Motion, NodeTraits, PlacedNodes, Scene,
-    SceneFeatures,
+    AssetManifests, AssetSet, Motion, NodeTraits, PlacedNodes, Scene, SceneFeatures,
 };
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
@@ -40,6 +39,7 @@ use crate::frame_views;
 use crate::render_event::RenderEvent;
 use held_part::HeldPart;
 use host_memory::HostMemory;
+pub(crate) use surroundings::LoadedEnvironment;
 
 /// Orders that wait for the loader; the manager sends one change at a time.
 pub(crate) const ORDERS_MAX: usize = 16;
@@ -74,13 +74,6 @@ pub(crate) struct SceneVersion {
     pub manifest: BlobHash,
     /// See [`SceneEdits::fingerprint`].
     pub edits: u64,
-}
-
-/// What surrounds scenes, decoded here and not between frames.
-#[derive(Clone, Debug)]
-pub(crate) struct LoadedEnvironment {
-    pub blob: BlobHash,
-    pub map: Arc<EnvironmentMap>,
 }
 
 /// The scene that the render thread was given last.
@@ -356,21 +349,6 @@ impl Loader {
         })?;
         self.ready_maps = maps;
         Ok(loaded)
-    }
-
-    /// The same as before where that is what surrounds scenes still.
-    fn load_environment(
-        &self,
-        of: &Environment,
-        line: &LoaderLink,
-    ) -> Result<LoadedEnvironment, String> {
-        if let Some(ready) = self.ready_environment.as_ref().filter(|ready| ready.blob == of.blob) {
-            return Ok(ready.clone());
-        }
-        let about = |reason| format!("environment {}: {reason}", of.name);
-        let bytes = self.blob(of.blob, line).map_err(about)?;
-        let map = EnvironmentMap::decode(&bytes).map_err(about)?;
-        Ok(LoadedEnvironment { blob: of.blob, map: Arc::new(map) })
     }
 
     fn load_scene(

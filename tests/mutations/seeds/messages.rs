@@ -307,10 +307,9 @@ fn calls() -> Vec<RequestMessage> {
         Request::FindWay(way()),
         Request::ExportScene { saved: Some("evening".into()) },
     ];
-    let requests = requests.into_iter().chain(regions().map(Request::FindInRegion));
-    let requests = requests.chain(lights());
-    let call = |(request, id)| RequestMessage::new(RequestId(id), request);
-    requests.zip(1..).map(call).collect()
+    let found = regions().map(Request::FindInRegion);
+    let requests = requests.into_iter().chain(found).chain(lights());
+    requests.zip(1..).map(|(request, id)| RequestMessage::new(RequestId(id), request)).collect()
 }
 
 fn feedback() -> FrameFeedback {
