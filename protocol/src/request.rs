@@ -193,13 +193,11 @@ pub enum Request {
     ListLayers,
     /// Bounds the error and the rate of pictures, from the next frame on.
     SetBounds(QualityBounds),
-    /// Changes how clips of the open scene are played, from the next frame on. A wall that is
-    /// paused makes one for it.
+    /// Changes how clips of the scene are played; a wall that is paused makes a frame for it.
     ChangeClips(ClipChange),
     /// Asks for the clips of the open scene.
     ListClips,
-    /// Surrounds scenes by light, until it is set again; answered once every live channel can draw
-    /// with it.
+    /// Surrounds scenes by light, until it is set again; answered once all can draw with it.
     SetEnvironment(EnvironmentSource),
     /// Sets how exposed light becomes what displays show, from the next frame on.
     SetTone(ToneMapper),
@@ -453,8 +451,7 @@ pub struct SceneSummary {
     /// What it needs of the renderer.
     pub features: SceneFeatures,
     /// What of the file is not drawn, or not as it is there; see [`polyptych_scene::Scene::notes`].
-    #[serde(default)]
-    #[serde(deserialize_with = "text_of_peer")]
+    #[serde(default, deserialize_with = "text_of_peer")]
     pub notes: Vec<String>,
     /// The exposure that the wall has from now on: 1, or what suits a scene that is lit in real
     /// units.

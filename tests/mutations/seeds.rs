@@ -4,6 +4,8 @@
 #[path = "seeds/editing.rs"]
 pub mod editing;
 mod light;
+#[path = "seeds/manifest.rs"]
+pub mod manifest;
 #[path = "seeds/maps.rs"]
 pub mod maps;
 #[path = "seeds/messages.rs"]

@@ -4,6 +4,7 @@ mod bent_vertices;
 mod billboard;
 mod builder;
 mod bvh;
+mod content_place;
 mod draw_item;
 mod geometry;
 mod identity;
@@ -29,12 +30,13 @@ pub(crate) use billboard::Billboard;
 pub use builder::{SceneBuilder, SceneError};
 #[cfg(test)]
 pub(crate) use bvh::Bvh;
+pub use content_place::ContentPlace;
 #[cfg(test)]
 pub(crate) use draw_item::PlacedMesh;
 pub(crate) use draw_item::{Bounds, DrawItem, EyeRelativeTransform, Stance, relative_to};
 pub(crate) use geometry::Geometry;
 pub(crate) use identity::SceneIdentity;
-pub use layout::{ContentPlace, SceneLayout};
+pub use layout::SceneLayout;
 pub(crate) use light::{DirectionalLight, LocalLight};
 pub(crate) use material::MaterialUniform;
 pub(crate) use meshlet::{MeshletCull, Meshlets, joined};

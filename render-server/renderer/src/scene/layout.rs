@@ -16,6 +16,7 @@ use polyptych_wall::ShadowFilter;
 
 use super::billboard::Billboard;
 use super::bvh::Bvh;
+use super::content_place::ContentPlace;
 use super::draw_item::{self, Bounds, DrawItem, PrimitiveInstance, Stance};
 use super::items_by_batch::ItemsByBatch;
 use super::light::{GROUND, Lights};
@@ -28,30 +29,6 @@ use crate::pipeline::{Alpha, Cull, PipelineKey};
 
 /// Draws that are placed between two looks at whether to stop: a millisecond.
 const DRAWS_BETWEEN_CHECKS: usize = 1 << 12;
-
-/// A place for bytes in a scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ContentPlace {
-    /// A texture, by its index.
-    Texture {
-        /// In the scene's textures.
-        index: usize,
-    },
-    /// A primitive of a mesh.
-    Primitive {
-        /// Its index in the scene's meshes.
-        mesh: usize,
-        /// Its index in the mesh's primitives.
-        primitive: usize,
-    },
-    /// What moves the vertices of a primitive, which has its place before.
-    Deformer {
-        /// Its index in the scene's meshes.
-        mesh: usize,
-        /// Its index in the mesh's primitives.
-        primitive: usize,
-    },
-}
 
 /// All of a scene that does not depend on a GPU.
 #[derive(Debug)]
