@@ -119,15 +119,10 @@ fn line(at: usize, of: &ClipStatus) -> String {
         (true, false) => format!("held at {time_s:.2} s"),
         (true, true) => format!("playing at {time_s:.2} s"),
     };
-    let mut line = format!("{at} {name}: {:.2} s, {state}", clip.duration_s);
-    if *weight > 0.0 && *weight < 1.0 {
-        line += &format!(", weight {weight}");
-    }
-    if (*speed - 1.0).abs() > 0.0 {
-        line += &format!(", speed {speed}");
-    }
-    if !is_looping {
-        line += ", once";
-    }
-    line
+    let is_part = *weight > 0.0 && *weight < 1.0;
+    let weight = if is_part { format!(", weight {weight}") } else { String::new() };
+    let is_plain = (*speed - 1.0).abs() == 0.0;
+    let speed = if is_plain { String::new() } else { format!(", speed {speed}") };
+    let once = if *is_looping { "" } else { ", once" };
+    format!("{at} {name}: {:.2} s, {state}{weight}{speed}{once}", clip.duration_s)
 }

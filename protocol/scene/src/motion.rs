@@ -287,7 +287,7 @@ fn shape(of: &Deformation, skeleton: Option<&Skeleton>, poses: &[NodePose]) -> (
     let joints = skeleton.joints.iter().zip(&skin.joints);
     let mut joints: Vec<DAffine3> =
         joints.map(|(bone, joint)| world(bone) * joint.inverse_bind).collect();
-    let anchor = median(joints.iter().map(|matrix| matrix.translation));
+    let anchor = median(&joints);
     for matrix in &mut joints {
         matrix.translation -= anchor;
     }
@@ -297,9 +297,9 @@ fn shape(of: &Deformation, skeleton: Option<&Skeleton>, poses: &[NodePose]) -> (
 }
 
 /// The component-wise median: most joints of a skin stand near each other, whatever one does.
-fn median(points: impl Iterator<Item = DVec3> + Clone) -> DVec3 {
+fn median(matrices: &[DAffine3]) -> DVec3 {
     let component = |axis: usize| {
-        let mut values: Vec<f64> = points.clone().map(|point| point[axis]).collect();
+        let mut values: Vec<f64> = matrices.iter().map(|of| of.translation[axis]).collect();
         values.sort_unstable_by(f64::total_cmp);
         values.get(values.len() / 2).copied().filter(|value| value.is_finite()).unwrap_or(0.0)
     };

@@ -93,7 +93,7 @@ pub(super) fn write_all(
                 job.step("meshes", batch.read, total)?;
                 batch.read += 1;
                 let shape = PrimitiveShape::of(uses, used, primitive);
-                let pieces = read(job, primitive, needs, scale, shape, place)?;
+                let pieces = read(job, primitive, needs, scale, &shape, place)?;
                 mesh.push(pieces.into_iter().map(|piece| piece.with_locks(is_shared)).collect());
             }
             let number = batch.add(mesh);
@@ -214,10 +214,10 @@ fn read(
     json: &document::Primitive,
     needs: &VertexRequirements,
     scale: f64,
-    shape: PrimitiveShape<'_>,
+    shape: &PrimitiveShape<'_>,
     place: &str,
 ) -> Result<Vec<Piece>, BakeError> {
-    let pose = if let PrimitiveShape::Still(pose) = shape { pose } else { None };
+    let pose = if let PrimitiveShape::Still(pose) = shape { *pose } else { None };
     let Some(mut geometry) = geometry::read(job, json, needs, pose, place)? else {
         return Ok(Vec::new());
     };
@@ -227,7 +227,7 @@ fn read(
         let made = tangent::generate(job, &geometry, map, place);
         geometry.tangents = Tangents::Corner(made);
     }
-    let bindings = match &shape {
+    let bindings = match shape {
         PrimitiveShape::Still(_) => None,
         PrimitiveShape::Bent(bent, pose) => {
             Some(Bindings::read(job, json, (bent, pose), (&geometry, needs), place)?)

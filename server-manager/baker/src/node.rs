@@ -71,16 +71,12 @@ pub(super) fn read(job: &mut BakeJob<'_>, clips: &ClipTargets) -> Result<Placed,
         instances_left -= made.instances.len();
         placed.extras.add(place, node);
         let is_hidden = is_below_hidden || !node.extensions.visibility.visible;
-        match made.mesh.filter(|_| node.skin.is_some()) {
-            Some(mesh) => {
-                made.mesh = None;
-                skinned.push(Skinned { node: index, mesh, place, is_hidden });
-            }
-            None => {
-                let is_morphing = clips.change_weights_of(index);
-                let used = |mesh| placed.meshes.of_node(job, (node, index), mesh, is_morphing);
-                made.mesh = made.mesh.map(used).transpose()?;
-            }
+        if let Some(mesh) = made.mesh.take_if(|_| node.skin.is_some()) {
+            skinned.push(Skinned { node: index, mesh, place, is_hidden });
+        } else {
+            let is_morphing = clips.change_weights_of(index);
+            let used = |mesh| placed.meshes.of_node(job, (node, index), mesh, is_morphing);
+            made.mesh = made.mesh.map(used).transpose()?;
         }
         placed.place_of[index as usize] = Some(place);
         placed.nodes.push(made);

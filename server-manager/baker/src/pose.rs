@@ -246,8 +246,8 @@ impl Pose {
         }
         let skin = self.skin(job, json, place)?;
         let mut sets = vec![vec![Influence::default(); count]; skin.sets.len()];
-        for vertex in 0..count {
-            for (set, at, joint, part) in skin.parts(vertex)? {
+        for (vertex, parts) in (0..count).map(|vertex| (vertex, skin.parts(vertex))) {
+            for (set, at, joint, part) in parts? {
                 let influence = &mut sets[set][vertex];
                 influence.joints[at] = u16::try_from(joint).map_err(|_| {
                     let what = format!("vertex {vertex} follows joint {joint}");
@@ -339,7 +339,9 @@ impl Skin<'_> {
             self.joint(vertex, first[vertex][0])?;
             return Ok(vec![(0, 0, first[vertex][0], 1.0)]);
         }
-        parts.iter_mut().for_each(|(.., part)| *part /= total);
+        for (.., part) in &mut parts {
+            *part /= total;
+        }
         Ok(parts)
     }
 

@@ -11,7 +11,7 @@ use polyptych_scene::{
 };
 
 /// The same with levels of detail, which what clips bend has not.
-fn with_levels(primitive: Primitive) -> Primitive {
+fn with_levels(primitive: &Primitive) -> Primitive {
     let cut = LevelCut {
         level: 1,
         vertex_count: 3,
@@ -21,13 +21,13 @@ fn with_levels(primitive: Primitive) -> Primitive {
         error: 0.5,
     };
     let (coarser_index_count, meshlet_count, cuts) = (3, 2, vec![cut]);
-    Primitive { coarser_index_count, meshlet_count, cuts, deformed: None, ..primitive }
+    Primitive { coarser_index_count, meshlet_count, cuts, deformed: None, ..primitive.clone() }
 }
 
-/// A manifest with everything in it once.
-pub fn scene() -> Scene {
+/// A part of a mesh that clips bend.
+fn primitive() -> Primitive {
     let layout = VertexLayout { tangent: true, uv0: true, uv1: false, color: true };
-    let primitive = Primitive {
+    Primitive {
         blob: BlobHash([2; 32]),
         layout,
         vertex_count: 3,
@@ -50,7 +50,11 @@ pub fn scene() -> Scene {
         origin: DVec3::ONE,
         min: Vec3::NEG_ONE,
         max: Vec3::ONE,
-    };
+    }
+}
+
+/// A manifest with everything in it once.
+pub fn scene() -> Scene {
     let texture = TextureRef { texture: 0, uv_set: 0, uv_transform: glam::Affine2::IDENTITY };
     let material = Material {
         alpha_mode: AlphaMode::Mask(0.5),
@@ -74,8 +78,8 @@ pub fn scene() -> Scene {
         name: "town".into(),
         nodes: vec![node(None, None, Vec::new()), node(Some(0), Some(0), vec![instance; 2])],
         meshes: vec![
-            Mesh { name: "mesh".into(), primitives: vec![primitive.clone()] },
-            Mesh { name: "levels".into(), primitives: vec![with_levels(primitive)] },
+            Mesh { name: "mesh".into(), primitives: vec![primitive()] },
+            Mesh { name: "levels".into(), primitives: vec![with_levels(&primitive())] },
         ],
         materials: vec![material],
         textures: vec![Texture {

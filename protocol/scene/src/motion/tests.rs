@@ -33,7 +33,7 @@ fn scene() -> Arc<Scene> {
 }
 
 fn motion(base: &Arc<Scene>, edits: &SceneEdits) -> Motion {
-    let (placed, ids) = edits.apply_to(base, &Default::default());
+    let (placed, ids) = edits.apply_to(base, &BTreeMap::default());
     Motion::new(base, &PlacedNodes::new(&placed.nodes, ids, edits.clone()), edits).expect("moves")
 }
 
@@ -69,7 +69,7 @@ fn a_node_that_was_put_elsewhere_moves_from_there() {
     let edits = edited([moved(1, 7.0)]);
     assert_eq!(places(&motion(&base, &edits))[0], (1, DVec3::new(17.0, 0.5, 0.0)));
     // Placed without the edit: what was edited stands elsewhere, and clips move it from there.
-    let (placed, ids) = SceneEdits::default().apply_to(&base, &Default::default());
+    let (placed, ids) = SceneEdits::default().apply_to(&base, &BTreeMap::default());
     let placed = PlacedNodes::new(&placed.nodes, ids, SceneEdits::default());
     let edits = edited([moved(0, 20.0), moved(3, -6.0)]);
     let motion = Motion::new(&base, &placed, &edits).expect("moves");

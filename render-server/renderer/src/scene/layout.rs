@@ -116,15 +116,12 @@ impl SceneLayout {
                 layer: layer_bit(traits, placement.node),
                 style: traits.styles.get(placement.node).copied().unwrap_or_default(),
             };
-            let batch = sorter.batch_of(&desc, look, &placement);
-            if traits.may_mirror && traits.is_moving(placement.node) {
-                sorter.add_twin(&desc, look, &placement, batch);
-            }
+            let may_mirror = traits.may_mirror && traits.is_moving(placement.node);
             items.push(DrawItem {
                 origin: placement.origin,
                 stance: placement.stance,
                 lamps: lights.lights_affecting(&placement.bounds)?,
-                batch,
+                batch: sorter.batch_of_moving(&desc, look, &placement, may_mirror),
                 mesh_box: primitive as u32,
                 place: places[placement.node],
             });
@@ -424,18 +421,23 @@ impl Sorter {
         index
     }
 
-    /// Makes the batch that an item of a batch is in while it is turned inside out.
-    fn add_twin(
+    /// Returns the batch of a placement, and makes the one that it is in while it is turned inside
+    /// out, if it may be.
+    fn batch_of_moving(
         &mut self,
         desc: &Scene,
         look: Look,
         placement: &PrimitiveInstance<'_>,
-        batch: u32,
-    ) {
-        let turned = PrimitiveInstance { is_mirrored: !placement.is_mirrored, ..*placement };
-        let twin = self.batch_of(desc, look, &turned);
-        self.twins.insert(batch, twin);
-        self.twins.insert(twin, batch);
+        may_mirror: bool,
+    ) -> u32 {
+        let batch = self.batch_of(desc, look, placement);
+        if may_mirror {
+            let turned = PrimitiveInstance { is_mirrored: !placement.is_mirrored, ..*placement };
+            let twin = self.batch_of(desc, look, &turned);
+            self.twins.insert(batch, twin);
+            self.twins.insert(twin, batch);
+        }
+        batch
     }
 
     fn batch(

@@ -27,19 +27,15 @@ fn drawn_at(place: &BakeFixture, scene: &Scene, clip: u32, time_s: f64) -> Vec<D
         let deformation = scene.deformations.iter().position(|of| of.mesh == mesh);
         for primitive in &scene.meshes[mesh as usize].primitives {
             let read = |blob| place.store.blobs().read(blob).expect("read").expect("there");
-            let floats = match (&primitive.deformed, deformation) {
-                (Some(described), Some(at)) => {
-                    let bytes = read(described.blob);
-                    let deformer = Deformer::parse(primitive, described, &bytes).expect("sound");
-                    let mut floats = Vec::new();
-                    deformer.apply(&moment.shapes[at], &mut floats);
-                    floats
-                }
-                _ => {
-                    let bytes = read(primitive.blob);
-                    let bytes = &bytes[..primitive.vertex_bytes() as usize];
-                    bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
-                }
+            let floats = if let (Some(described), Some(at)) = (&primitive.deformed, deformation) {
+                let deformer = Deformer::parse(primitive, described, &read(described.blob));
+                let mut floats = Vec::new();
+                deformer.expect("sound").apply(&moment.shapes[at], &mut floats);
+                floats
+            } else {
+                let bytes = read(primitive.blob);
+                let bytes = &bytes[..primitive.vertex_bytes() as usize];
+                bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect::<Vec<_>>()
             };
             for row in floats.chunks_exact(primitive.layout.stride() as usize / 4) {
                 let local = DVec3::new(row[0].into(), row[1].into(), row[2].into());
