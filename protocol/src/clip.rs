@@ -14,18 +14,18 @@ pub struct ClipSummary {
     pub name: String,
     /// The time of its last key, in seconds.
     pub duration_s: f64,
-    /// Whether it is played unless something else is asked for.
+    /// `true` where it is played unless something else is asked for.
     pub is_played: bool,
 }
 
-/// How a clip is played.
+/// The state of a clip.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ClipStatus {
-    /// What it is.
+    /// The clip.
     pub clip: ClipSummary,
-    /// Whether its time goes on.
+    /// `true` while its time goes on.
     pub is_running: bool,
-    /// Whether it begins anew at its end.
+    /// `true` if it begins anew at its end.
     pub is_looping: bool,
     /// Its time in the last frame, in seconds since its beginning.
     pub time_s: f64,
@@ -35,17 +35,17 @@ pub struct ClipStatus {
     pub weight: f32,
 }
 
-/// What to do with clips, from the next frame on.
+/// A change of how clips are played, from the next frame on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ClipChange {
     /// A clip's name, or its number from 0 on; all that move something if not given.
     #[serde(deserialize_with = "text_of_peer")]
     pub clip: Option<String>,
-    /// What to do.
+    /// The change.
     pub action: ClipAction,
 }
 
-/// What to do with a clip.
+/// A change of one clip.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ClipAction {
     /// Lets it go on. What is not given stays as it is.

@@ -4,7 +4,7 @@ use polyptych_files::blob::BlobHash;
 use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
-/// What a client asks for.
+/// A client's wish.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum EnvironmentSource {
     /// None: scenes have their own sky.

@@ -28,7 +28,7 @@ pub struct Presentation {
     pub pattern: Option<TestPattern>,
     /// The error and the rate that pictures are asked to keep.
     pub bounds: QualityBounds,
-    /// How exposed light becomes what displays show.
+    /// The way from exposed light to what displays show.
     #[serde(default)]
     pub tone: ToneMapper,
 }

@@ -89,7 +89,7 @@ pub struct Replica {
     pub scene: Option<SceneRef>,
     /// What was changed of it since it was opened.
     pub edits: SceneEdits,
-    /// What surrounds scenes, if not their own sky.
+    /// The surroundings of scenes, if not their own sky.
     #[serde(default)]
     pub environment: Option<Environment>,
     /// Fingerprints of the parts.

@@ -14,7 +14,7 @@ use crate::import::{self, Baker};
 /// the open scene's manifest with what was changed of it.
 ///
 /// # Errors
-/// Why it cannot be baked, and what would be right.
+/// The reason why it cannot be baked, and what would be right.
 pub(crate) async fn bake(
     source: EnvironmentSource,
     roots: &[PathBuf],

@@ -33,8 +33,9 @@ const FRAMES_PER_LIFE: u64 = 2500;
 const HELD_PER_BYTE: u64 = 128;
 
 /// And beyond that: 64 KiB for one string that is cut short, as [`codec`] lets it claim, and 1 MiB
-/// for each of two nested lists, which serde makes room for before their elements come.
-const HELD_ANYWAY: u64 = (64 << 10) + (2 << 20);
+/// for each of three nested lists, which serde makes room for before their elements come: clips,
+/// channels and keys.
+const HELD_ANYWAY: u64 = (64 << 10) + (3 << 20);
 
 /// Longest time for one message, decoder and core together: thousands of times the usual, since
 /// the machine may do something else meanwhile.

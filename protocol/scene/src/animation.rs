@@ -23,7 +23,7 @@ pub struct Animations {
 pub struct Clip {
     /// As in the source; may be empty or stand twice.
     pub name: String,
-    /// What it moves.
+    /// One for each property that it moves.
     pub channels: Vec<Channel>,
 }
 
@@ -38,7 +38,7 @@ pub struct AnimatedNode {
     pub rotation: DQuat,
     /// Along its own axes.
     pub scale: DVec3,
-    /// Of the morph targets of its mesh.
+    /// The weights of the morph targets of its mesh.
     pub weights: Vec<f64>,
 }
 
@@ -49,7 +49,7 @@ pub struct Channel {
     pub target: u32,
     /// Which property.
     pub path: AnimatedPath,
-    /// What is between two keys.
+    /// The way from one key to the next.
     pub interpolation: Interpolation,
     /// The time of each key in seconds, rising; of keys at one time the last counts.
     pub times: Vec<f32>,
@@ -66,7 +66,7 @@ pub enum AnimatedPath {
     Rotation,
     /// Along its own axes.
     Scale,
-    /// Of its morph targets.
+    /// The weights of its morph targets.
     Weights,
 }
 
@@ -99,9 +99,9 @@ pub struct NodePose {
     translation: DVec3,
     rotation: DQuat,
     scale: DVec3,
-    /// Of the morph targets of its mesh.
+    /// The weights of the morph targets of its mesh.
     pub weights: Vec<f64>,
-    /// Whether a clip moves it.
+    /// `true` where a clip moves it.
     pub is_moved: bool,
 }
 

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::mesh::{Primitive, Topology, VertexLayout};
 
-/// What moves the vertices of a mesh. The mesh is that of one node.
+/// Joints and morph targets that move the vertices of a mesh, which is that of one node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Deformation {
     /// An index into the scene's meshes.
@@ -69,7 +69,7 @@ pub struct DeformedPrimitive {
     pub joint_count: u32,
     /// Morph targets of the mesh.
     pub target_count: u32,
-    /// Whether each triangle has the normal of its plane, and three vertices of its own.
+    /// `true` where each triangle has the normal of its plane, and three vertices of its own.
     pub is_flat: bool,
 }
 
@@ -85,12 +85,12 @@ pub struct Influence {
 /// The bytes of an [`Influence`] in a blob.
 const INFLUENCE_BYTES: usize = 24;
 
-/// What a morph target adds to one attribute.
+/// The part of a morph target that concerns one attribute.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Deltas {
     /// The vertices that it changes.
     pub vertices: Vec<u32>,
-    /// What is added, number by number, for each of them.
+    /// The numbers that are added to each of them.
     pub values: Vec<f32>,
 }
 
@@ -100,26 +100,26 @@ pub const MORPHED_ATTRIBUTES: usize = 6;
 /// A primitive whose vertices can be moved.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Deformer {
-    /// What each vertex holds.
+    /// The attributes of each vertex.
     pub layout: VertexLayout,
-    /// As they are before anything moves them.
+    /// Vertices before anything moves them.
     pub vertices: Vec<f32>,
-    /// Of all vertices, set after set.
+    /// The joints of all vertices, set after set.
     pub influences: Vec<Influence>,
-    /// Of each morph target.
+    /// The morph targets.
     pub targets: Vec<[Deltas; MORPHED_ATTRIBUTES]>,
     /// See [`DeformedPrimitive::is_flat`].
     pub is_flat: bool,
 }
 
-/// What moves the vertices of a mesh at a moment.
+/// A mesh's joints and weights at a moment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Shape {
     /// The drawing node's space from the mesh's, as each joint moves it; empty without a skin.
     pub joints: Vec<DAffine3>,
     /// The same for primitives without joints.
     pub rigid: DAffine3,
-    /// Of each morph target.
+    /// The weight of each morph target.
     pub weights: Vec<f64>,
 }
 
@@ -152,7 +152,7 @@ impl Deformer {
         self.influences.len().checked_div(self.vertex_count()).unwrap_or(0)
     }
 
-    /// What stands in the blob; see [`DeformedPrimitive`].
+    /// The bytes of its blob; see [`DeformedPrimitive`].
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes: Vec<u8> = Vec::with_capacity(self.vertices.len() * 4);
         bytes.extend(self.vertices.iter().flat_map(|number| number.to_le_bytes()));

@@ -126,7 +126,7 @@ pub struct NodeTraits {
     pub facings: Vec<Option<Facing>>,
     /// Indices of the nodes that clips may move, rising.
     pub moving: Vec<u32>,
-    /// Whether a clip may turn some of them inside out.
+    /// `true` where a clip may turn some of them inside out.
     pub may_mirror: bool,
 }
 

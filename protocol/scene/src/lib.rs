@@ -221,7 +221,8 @@ impl Scene {
         })
     }
 
-    /// The hashes of every mesh, texture and deformation, in the order of the manifest; one may stand twice.
+    /// The hashes of every mesh, of what moves it, and of every texture, in the order of the
+    /// manifest; one may stand twice.
     pub fn blobs(&self) -> impl Iterator<Item = BlobHash> + '_ {
         let primitives = self.meshes.iter().flat_map(|m| &m.primitives);
         let of_primitive = |p: &Primitive| [Some(p.blob), p.deformed.map(|of| of.blob)];

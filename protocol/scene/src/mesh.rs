@@ -54,7 +54,8 @@ pub struct Primitive {
     pub cuts: Vec<LevelCut>,
     /// The level that is drawn as the finest one: 0, unless it is limited to a cut.
     pub finest_level: u32,
-    /// What moves its vertices, if anything; its own blob has them at rest then, and no levels.
+    /// The data by which its vertices move, if they do; its own blob has them at rest then, and no
+    /// levels.
     pub deformed: Option<DeformedPrimitive>,
 }
 

@@ -23,7 +23,7 @@ pub struct Motion {
     elsewhere: Vec<MovedPlace>,
     /// Nodes that may move, parents before their children, which is rising too.
     movers: Vec<Mover>,
-    /// Of each of the scene's deformations.
+    /// One for each of the scene's deformations that has a skin.
     skeletons: Vec<Option<Skeleton>>,
 }
 
@@ -38,7 +38,7 @@ struct Mover {
     moves: Moves,
 }
 
-/// What a node hangs from.
+/// The space that a node hangs from.
 #[derive(Clone, Copy, Debug)]
 enum Above {
     /// A space that stands still.

@@ -71,7 +71,7 @@ pub(crate) struct PipelineKey {
     pub shadows: ShadowFilter,
 }
 
-/// What pipelines depend on beside a scene's own keys: what a frame is drawn onto, and how.
+/// The part of a pipeline that is no scene's own: what a frame is drawn onto, and how.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct PipelineVariant {
     pub content: ImageEncoding,

@@ -75,7 +75,7 @@ pub struct GpuScene {
     /// By slot; what materials are made of.
     textures: Arc<Vec<wgpu::TextureView>>,
     content_bytes: u64,
-    /// What surrounds it, instead of its sky.
+    /// The surroundings that it has instead of its sky.
     pub(crate) environment: Option<Arc<Environment>>,
 }
 
@@ -86,7 +86,7 @@ impl GpuScene {
         Self { environment, ..self.clone() }
     }
 
-    /// What surrounds it, if not its own sky.
+    /// Its surroundings, if not its own sky.
     pub fn environment(&self) -> Option<&Arc<Environment>> {
         self.environment.as_ref()
     }

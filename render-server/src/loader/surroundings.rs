@@ -8,7 +8,7 @@ use polyptych_scene::EnvironmentMap;
 
 use super::{Loader, LoaderLink};
 
-/// What surrounds scenes, decoded here and not between frames.
+/// The surroundings of scenes, decoded here and not between frames.
 #[derive(Clone, Debug)]
 pub(crate) struct LoadedEnvironment {
     pub blob: BlobHash,

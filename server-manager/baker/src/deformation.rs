@@ -58,7 +58,7 @@ pub(super) fn skin(
     Some(Skin { top: place(top)?, joints, rigid: place(rigid)? })
 }
 
-/// What moves the vertices of a primitive, by the numbers that they have in the file.
+/// Joints and morph targets of a primitive's vertices, by the numbers that they have in the file.
 #[derive(Debug)]
 pub(super) struct Bindings {
     /// Of all vertices, for each set.
@@ -146,7 +146,7 @@ fn sparse(all: Option<&[f32]>, which: usize, sources: &[u32]) -> Deltas {
     deltas
 }
 
-/// What a morph target adds to an attribute, vertex by vertex; `None` if nothing.
+/// The numbers that a morph target adds to an attribute, vertex by vertex; `None` if none.
 fn deltas(
     job: &BakeJob<'_>,
     json: &Primitive,
@@ -204,7 +204,7 @@ pub(super) fn reordered(deformer: &Deformer, order: &[u32]) -> Deformer {
     }
 }
 
-/// What is said of a deformer's blob.
+/// The description of a deformer's blob.
 pub(super) fn described(deformer: &Deformer, bytes: u64, joint_count: usize) -> DeformedPrimitive {
     DeformedPrimitive {
         blob: BlobHash([0; 32]),

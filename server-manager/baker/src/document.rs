@@ -362,7 +362,7 @@ pub(super) struct Animation {
     pub samplers: Vec<AnimationSampler>,
 }
 
-/// What a sampler moves.
+/// A sampler and its target.
 #[derive(Debug, Deserialize)]
 pub(super) struct AnimationChannel {
     pub sampler: u32,

@@ -31,7 +31,7 @@ use cube_map::CubeMap;
 use equirect::Equirect;
 pub use sky::{SUN_DEFAULT, SUN_HEIGHT_MIN};
 
-/// What surrounds a scene.
+/// The surroundings of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EnvironmentSource<'a> {
     /// An equirectangular picture of radiance: a Radiance .hdr file.
@@ -43,7 +43,7 @@ pub enum EnvironmentSource<'a> {
     },
 }
 
-/// What an environment became.
+/// A baked environment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BakedEnvironment {
     /// Its blob; 64 hexadecimal digits in JSON.

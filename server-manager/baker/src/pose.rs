@@ -306,7 +306,7 @@ struct Skin<'a> {
 }
 
 impl Skin<'_> {
-    /// What moves a vertex: the mean of its joints' matrices by their parts.
+    /// The matrix that moves a vertex: the mean of its joints' matrices by their parts.
     fn matrix(&self, vertex: usize) -> Result<DAffine3, BakeError> {
         if self.sets.is_empty() {
             return Ok(self.pose.rigid);

@@ -21,7 +21,7 @@ const SEEK_MAX_S: f64 = 1e9;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlayedClip {
     status: ClipStatus,
-    /// Where the wall's own clock began.
+    /// The moment at which the wall's own clock began.
     own: Beginning,
     /// The same of the clock of clients.
     given: Beginning,
@@ -131,7 +131,7 @@ impl PlayedClips {
         self.clips.iter_mut().for_each(|clip| clip.advance(is_given, time_s));
     }
 
-    /// How each is played.
+    /// The state of each clip.
     pub(super) fn statuses(&self) -> Vec<ClipStatus> {
         self.clips.iter().map(|clip| clip.status.clone()).collect()
     }

@@ -42,7 +42,7 @@ pub(super) struct BakedRequest {
     result: Result<BakedFiles, String>,
 }
 
-/// What bakes made of a request.
+/// A request after its bakes.
 struct BakedFiles {
     /// What the core is asked instead.
     request: Request,

@@ -1,3 +1,5 @@
+//! Clips against glTF's own words, and blends.
+
 use proptest::prelude::*;
 
 use super::*;
@@ -128,7 +130,11 @@ fn turn(angle: f64) -> DQuat {
 
 proptest! {
     #[test]
-    fn slerp_turns_evenly_by_the_shorter_way(from in -3.0..3.0f64, by in -3.1..3.1f64, t in 0.0..1.0f64) {
+    fn slerp_turns_evenly_by_the_shorter_way(
+        from in -3.0..3.0f64,
+        by in -3.1..3.1f64,
+        t in 0.0..1.0f64,
+    ) {
         let (a, b) = (turn(from), turn(from + by));
         for end in [b, -b] {
             let got = slerp(a, end, t);

@@ -1,3 +1,5 @@
+//! Blobs of deformers, whole and damaged, and what they make of vertices.
+
 use super::*;
 use crate::{IndexFormat, Topology};
 

@@ -1,3 +1,5 @@
+//! What clips move of edited scenes.
+
 use super::*;
 use crate::animation::{AnimatedNode, Animations, Channel, Clip, Interpolation};
 use crate::deformation::Joint;

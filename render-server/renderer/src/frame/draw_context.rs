@@ -4,7 +4,7 @@ use crate::draw_list::{Draw, DrawList};
 use crate::scene::GpuScene;
 use crate::view::ViewDesc;
 
-/// What the passes draw with.
+/// All that passes over a scene draw with.
 pub(crate) struct DrawContext<'a> {
     pub(super) scene: &'a GpuScene,
     /// In the order of the scene's keys; what has none is not drawn.

@@ -32,7 +32,7 @@ const KEPT_FRAMES: u64 = 256;
 /// `None` of one that casts no shadow.
 type SunMaps = Vec<Option<(u32, Vec<Cascade>)>>;
 
-/// What the maps of a camera show, whatever their places are.
+/// The surfaces in the maps of a camera, whatever the places of the maps are.
 #[derive(Clone, Debug, PartialEq)]
 struct Subject {
     scene: SceneIdentity,
@@ -56,7 +56,7 @@ struct MapSet {
     used: u64,
 }
 
-/// What a frame draws its shadows with.
+/// The maps of a frame.
 #[derive(Debug, Default)]
 pub(super) struct FrameShadows {
     /// Of each view; empty where no light casts shadows.
@@ -114,7 +114,7 @@ impl SunShadows {
         }
     }
 
-    /// What pipelines are warmed with: no shadows.
+    /// The bindings that pipelines are warmed with: no shadows.
     pub(super) fn none(&self, gpu: &Gpu, scene: &GpuScene) -> Vec<wgpu::BindGroup> {
         let is_used = !self.is_off && scene.layout.lights.cast_shadows();
         let maps = self.none.as_ref().filter(|_| is_used);

@@ -17,7 +17,7 @@ pub(crate) struct BentVertices {
     written: Mutex<Written>,
 }
 
-/// What is in the buffer.
+/// The contents of the buffer.
 #[derive(Debug, Default)]
 struct Written {
     /// `None` where it is not known.

@@ -24,7 +24,7 @@ pub(crate) struct Geometry {
     pub index_format: wgpu::IndexFormat,
     /// `None` where it is always drawn whole.
     pub meshlets: Option<Arc<Meshlets>>,
-    /// What bends the vertices, if clips do.
+    /// The vertices as clips bend them, if they do.
     pub bent: Option<Arc<BentVertices>>,
 }
 

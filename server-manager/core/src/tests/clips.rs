@@ -156,7 +156,8 @@ proptest! {
         is_looping in any::<bool>(),
     ) {
         let mut stage = stage();
-        let action = ClipAction::Play { speed: Some(speed), weight: None, is_looping: Some(is_looping) };
+        let (speed, is_looping) = (Some(speed), Some(is_looping));
+        let action = ClipAction::Play { speed, weight: None, is_looping };
         change(&mut stage, None, action);
         for (is_given, time_s) in times {
             if time_s.is_finite() {
