@@ -33,7 +33,7 @@ use glam::{DAffine3, DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
 pub use animation::{
-    AnimatedNode, AnimatedPath, Animations, Channel, Clip, ClipTime, Interpolation,
+    AnimatedNode, AnimatedPath, Animations, CLIPS_MAX, Channel, Clip, ClipTime, Interpolation,
 };
 pub use deformation::Deformation;
 pub use edit::{

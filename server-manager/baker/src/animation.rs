@@ -6,7 +6,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DQuat, DVec3};
-use polyptych_scene::{AnimatedNode, AnimatedPath, Animations, Channel, Clip, Interpolation, Node};
+use polyptych_scene::limits::NODE_NAME_BYTES_MAX;
+use polyptych_scene::{
+    AnimatedNode, AnimatedPath, Animations, CLIPS_MAX, Channel, Clip, Interpolation, Node,
+};
 
 use super::BakeJob;
 use super::accessor::Accessor;
@@ -73,7 +76,11 @@ pub(super) fn read(
     let document = &job.source.document;
     let mut targets: BTreeMap<u32, AnimatedNode> = BTreeMap::new();
     let mut drafts = Vec::new();
-    for (at, json) in document.animations.iter().enumerate() {
+    if document.animations.len() > CLIPS_MAX {
+        let count = document.animations.len();
+        job.warn(&format!("animations: {count}, of which the first {CLIPS_MAX} can be played"));
+    }
+    for (at, json) in document.animations.iter().take(CLIPS_MAX).enumerate() {
         let mut channels = BTreeMap::new();
         for (number, channel) in json.channels.iter().enumerate() {
             let place = format!("animations[{at}].channels[{number}]");
@@ -94,7 +101,9 @@ pub(super) fn read(
                 Err(error) => job.warn(&format!("{place}: not played: {error}")),
             }
         }
-        drafts.push((json.name.clone(), channels));
+        // It stands in every list of clips.
+        let end = json.name.floor_char_boundary(NODE_NAME_BYTES_MAX);
+        drafts.push((json.name[..end].to_owned(), channels));
     }
     // In the order of the scene's nodes.
     let mut sorted: Vec<(u32, AnimatedNode)> = targets.into_iter().collect();

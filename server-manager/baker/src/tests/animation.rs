@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3};
 use polyptych_scene::deformation::Deformer;
-use polyptych_scene::{ClipTime, Motion, NodeId, PlacedNodes, Scene, SceneEdits};
+use polyptych_scene::{CLIPS_MAX, ClipTime, Motion, NodeId, PlacedNodes, Scene, SceneEdits};
 use serde_json::{Value, json};
 
 use super::builder::Builder;
@@ -234,6 +234,19 @@ fn broken_channels_are_noted_and_the_rest_is_played() {
     noted(&twice, &["channels[2]", "twice"], 2);
     let hidden_joints = |b: &mut Builder| b.json["scenes"] = json!([{ "nodes": [0] }]);
     noted(&hidden_joints, &["nodes[0].skin", "not in the shown scene"], 0);
+}
+
+#[test]
+fn names_and_numbers_of_clips_are_limited() {
+    let mut builder = bar([0.0; 3]);
+    let mut clips = vec![builder.json["animations"][0].clone()];
+    clips[0]["name"] = json!("ä".repeat(200));
+    clips.resize(CLIPS_MAX + 1, json!({}));
+    builder.json["animations"] = json!(clips);
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert_eq!(scene.animations.clips.len(), CLIPS_MAX);
+    assert_eq!(scene.animations.clips[0].name, "ä".repeat(128));
+    assert!(baked.warnings[0].contains("4097") && baked.warnings[0].contains("first 4096"));
 }
 
 /// Every animated asset bakes without a note about its clips, and is finite at many times.
