@@ -29,9 +29,9 @@ pub(crate) const CASCADES_MAX: usize = 6;
 /// distance to the viewer, a few pixels of a wall.
 const RATIO: f64 = 4.0;
 
-/// Texels by which a map moves at once: a quarter of its side, so that it is drawn anew every few
+/// Texels by which a map moves at once: a fifth of its side, so that it is drawn anew every few
 /// steps of a viewer who walks, and not with each.
-const CELL_TEXELS: f64 = 512.0;
+const CELL_TEXELS: f64 = 384.0;
 
 /// Texels at each edge of a map that only filters reach.
 const BORDER_TEXELS: f64 = 8.0;
