@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// An animation of a scene.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ClipSummary {
-    /// As its file has it; may be empty or stand twice.
+    /// Its name in the file; may be empty or stand twice.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
     /// The time of its last key, in seconds.

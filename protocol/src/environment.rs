@@ -18,14 +18,14 @@ pub enum EnvironmentSource {
     },
     /// A clear sky, whose sun is where the first directional light of the open scene is.
     Sky,
-    /// What the manager has baked of one of these. Clients cannot ask for it.
+    /// A bake that the manager has of one of these. Clients cannot ask for it.
     Baked(Environment),
 }
 
 /// Surroundings that were baked, by the hash of their blob.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Environment {
-    /// What to call it: `sky`, or the file's name.
+    /// Its name: `sky`, or that of the file.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
     /// A [`polyptych_scene::EnvironmentMap`], encoded.

@@ -56,7 +56,7 @@ pub(crate) struct LoadedState {
     /// Its scene.
     pub scene: Option<SceneVersion>,
     pub warm_up: Camera,
-    /// What surrounds it, if not its own sky.
+    /// Its surroundings, if not its own sky.
     pub environment: Option<LoadedEnvironment>,
     /// Of the channels of this server; the same as before where the wall is.
     pub plans: Arc<CorrectionPlans>,
@@ -64,7 +64,7 @@ pub(crate) struct LoadedState {
     pub maps: CalibrationMaps,
     /// What they make of it, on the screens of this server's channels.
     pub shapes: Arc<WallGeometry>,
-    /// What moves by itself in its scene, if anything.
+    /// All that moves by itself in its scene, if anything.
     pub motion: Option<Arc<Motion>>,
 }
 
@@ -113,7 +113,7 @@ pub(crate) enum Upload {
     Texture { index: usize, bytes: Bytes },
     /// A primitive of it.
     Primitive { mesh: usize, primitive: usize, bytes: Bytes },
-    /// What moves the vertices of a primitive that is there.
+    /// The data that move the vertices of a primitive that is there.
     Deformer { mesh: usize, primitive: usize, bytes: Bytes },
     /// All is there: make it drawable, warm up, and answer with the scene's bytes.
     Finish { state: Arc<LoadedState>, answer: SyncSender<Result<u64, String>> },

@@ -21,7 +21,7 @@ pub struct Animations {
 /// A motion that is played as one.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Clip {
-    /// As in the source; may be empty or stand twice.
+    /// The source's name; may be empty or stand twice.
     pub name: String,
     /// One for each property that it moves.
     pub channels: Vec<Channel>,
@@ -149,7 +149,7 @@ impl Channel {
         let width = self.width();
         let next = self.times.partition_point(|time| f64::from(*time) <= time_s);
         let is_spline = self.interpolation == Interpolation::CubicSpline;
-        // Of a spline's three, 0 comes in, 1 is the value, 2 goes out.
+        // A spline has three: 0 comes in, 1 is the value, 2 goes out.
         let part = |key: usize, of: usize| {
             let at = if is_spline { key * 3 + of } else { key } * width;
             self.values[at..at + width].iter().map(|number| f64::from(*number))
@@ -193,7 +193,7 @@ fn quaternion(numbers: impl Iterator<Item = f64>) -> DQuat {
 /// The rotation between two unit quaternions at `t` from 0 to 1, by the shorter way: Shoemake,
 /// "Animating Rotation with Quaternion Curves" (1985).
 fn slerp(a: DQuat, b: DQuat, t: f64) -> DQuat {
-    /// Of a smaller angle the sine is the angle to the last bit but some.
+    /// The cosine beyond which the sine of an angle is the angle to the last bit but some.
     const NEAR: f64 = 1.0 - 1e-12;
     let (a, b) = (DVec4::from(a), DVec4::from(b));
     let cosine = a.dot(b);

@@ -117,7 +117,7 @@ pub struct Deformer {
 pub struct Shape {
     /// The drawing node's space from the mesh's, as each joint moves it; empty without a skin.
     pub joints: Vec<DAffine3>,
-    /// The same for primitives without joints.
+    /// The matrix of primitives without joints.
     pub rigid: DAffine3,
     /// The weight of each morph target.
     pub weights: Vec<f64>,
@@ -171,7 +171,7 @@ impl Deformer {
     /// Reads a blob.
     ///
     /// # Errors
-    /// What is not as it is described.
+    /// The part that is not as it is described.
     pub fn parse(
         primitive: &Primitive,
         described: &DeformedPrimitive,

@@ -1,4 +1,4 @@
-//! What clips move in a scene as it stands: nodes, and the vertices of meshes.
+//! All that clips move in a scene as it stands: nodes, and the vertices of meshes.
 //!
 //! A node that was edited moves from where it was put: `edited · rest⁻¹ · animated`. Joints hang
 //! from each other as in the scene's file.
@@ -52,9 +52,9 @@ enum Above {
 enum Moves {
     /// Not at all.
     Never,
-    /// As an animated node does, by its index; as seen from where it was put.
+    /// The way of an animated node, by its index; as seen from where it was put.
     Animated(usize, Option<DAffine3>),
-    /// As the joints of a deformation do, by its index.
+    /// The way of the joints of a deformation, by its index.
     Joints(usize),
 }
 

@@ -56,7 +56,7 @@ pub(crate) struct FrameResources {
     lamps: FrameBuffer,
     instances: FrameBuffer,
     group_layout: wgpu::BindGroupLayout,
-    /// The same with an environment, once there was one.
+    /// Its like with an environment, once there was one.
     environment_group_layout: Option<wgpu::BindGroupLayout>,
     background: Option<BackgroundPass>,
     /// See [`albedo`].

@@ -165,7 +165,7 @@ pub(crate) struct Pipelines {
     samples: u32,
     /// By whether an environment is bound, and whether maps of shadows are.
     layouts: BTreeMap<(bool, bool), wgpu::PipelineLayout>,
-    /// Of all scenes that have shadows.
+    /// The filter of all scenes that have shadows.
     pub shadows: ShadowFilter,
     modules: BTreeMap<(Interface, bool), wgpu::ShaderModule>,
     ready: BTreeMap<(PipelineKey, Built), wgpu::RenderPipeline>,

@@ -188,9 +188,9 @@ impl Cascade {
 #[derive(Debug)]
 struct Light {
     basis: LightBasis,
-    /// Of the scene.
+    /// The middle of the scene.
     middle: DVec3,
-    /// Of the scene, with a margin.
+    /// The depth of the scene, with a margin.
     depth: f64,
     eye: DVec3,
 }

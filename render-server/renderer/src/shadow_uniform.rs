@@ -30,9 +30,10 @@ pub(crate) struct SunShadowRecord {
     pub pad0: f32,
     /// Towards the light, over the depth of the scene.
     pub toward: [f32; 3],
-    /// Of the fifth finest map.
+    /// The radius of the fifth finest map.
     pub radius4: f32,
-    /// Of the four finest maps; the widest map, and those that are not there, have all points.
+    /// The radii of the four finest maps; the widest map, and those that are not there, have all
+    /// points.
     pub radii: [f32; 4],
     /// Finest first.
     pub cascades: [CascadeRecord; CASCADES_MAX],
@@ -44,7 +45,7 @@ pub(crate) struct SunShadowRecord {
 pub(crate) struct CascadeRecord {
     /// The eye's place in the map, and its depth.
     pub offset: [f32; 3],
-    /// Of the map's side, to a unit of the world.
+    /// The share of the map's side in a unit of the world.
     pub scale: f32,
     pub radius: f32,
     pub texel: f32,

@@ -45,7 +45,7 @@ pub struct ViewDesc {
     pub scissor: Option<[u32; 4]>,
     /// Factor of all light before tone mapping.
     pub exposure: f32,
-    /// How exposed light becomes what is shown; that of the first view counts for all of a frame.
+    /// The way from exposed light to what is shown; that of the first view counts for the frame.
     pub tone: ToneMapper,
     /// The part of the scene that it shows.
     pub subset: SceneSubset,

@@ -1,4 +1,4 @@
-//! What surrounds scenes, found and decoded before a state needs it.
+//! The surroundings of scenes, found and decoded before a state needs it.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ pub(crate) struct LoadedEnvironment {
 }
 
 impl Loader {
-    /// The same as before where that is what surrounds scenes still.
+    /// Returns those of before where they surround scenes still.
     pub(super) fn load_environment(
         &self,
         of: &Environment,

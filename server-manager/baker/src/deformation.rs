@@ -61,7 +61,7 @@ pub(super) fn skin(
 /// Joints and morph targets of a primitive's vertices, by the numbers that they have in the file.
 #[derive(Debug)]
 pub(super) struct Bindings {
-    /// Of all vertices, for each set.
+    /// The joints of all vertices, for each set.
     sets: Vec<Vec<Influence>>,
     /// Numbers of all vertices, for each attribute that a target changes.
     targets: Vec<[Option<Vec<f32>>; MORPHED_ATTRIBUTES]>,
@@ -103,7 +103,7 @@ impl Bindings {
         Ok(Self { sets, targets, rest: bent.rest.clone(), is_flat })
     }
 
-    /// The same for vertices of a piece, whose numbers in the file are given.
+    /// A deformer of a piece's vertices, whose numbers in the file are given.
     pub(super) fn deformer(
         &self,
         layout: VertexLayout,

@@ -49,9 +49,9 @@ pub struct BakedEnvironment {
     /// Its blob; 64 hexadecimal digits in JSON.
     #[serde(with = "hex")]
     pub blob: BlobHash,
-    /// What it is, for people.
+    /// Its name, for people.
     pub what: String,
-    /// What of it is not shown as it is there.
+    /// The part of it that is not shown as it is there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub warning: Option<String>,
 }

@@ -193,7 +193,7 @@ fn key(
 
 /// The shape of a primitive.
 enum PrimitiveShape<'a> {
-    /// As it is, or in a pose.
+    /// Its own shape, or that of a pose.
     Still(Option<&'a Pose>),
     /// Bent by clips.
     Bent(&'a BentMesh, Pose),

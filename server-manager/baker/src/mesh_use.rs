@@ -177,7 +177,7 @@ impl Meshes {
 
 /// The place of a mesh whose node has a skin.
 pub(super) enum SkinnedPlace {
-    /// Where the node stands: its skin moves nothing.
+    /// The place of the node: its skin moves nothing.
     AtItsNode,
     /// In the space of a node of the scene, or of the scene itself.
     Below(Option<u32>, DAffine3),

@@ -32,10 +32,10 @@ pub(super) struct Placed {
 
 /// A mesh whose node has a skin: where it stands is known once all nodes are.
 struct Skinned {
-    /// Of the file.
+    /// The node of the file.
     node: u32,
     mesh: u32,
-    /// Of the scene.
+    /// The node of the scene.
     place: u32,
     is_hidden: bool,
 }

@@ -32,7 +32,7 @@ pub(super) struct Piece {
     pub scale: f64,
     /// The vertices that no level moves or leaves out, rising.
     pub locked: Vec<u32>,
-    /// What clips bend, and its shape at rest; `vertices` are as they are before.
+    /// The part that clips bend, and its shape at rest; `vertices` are as they are before.
     pub bent: Option<(Deformer, Shape)>,
     /// The primitive in the file, for messages.
     pub place: String,

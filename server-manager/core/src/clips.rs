@@ -23,7 +23,7 @@ pub struct PlayedClip {
     status: ClipStatus,
     /// The moment at which the wall's own clock began.
     own: Beginning,
-    /// The same of the clock of clients.
+    /// The moment at which the clock of clients began.
     given: Beginning,
     /// Its time in the last frame, which does not begin anew at its end.
     at_s: f64,
@@ -141,7 +141,7 @@ impl PlayedClips {
     /// # Errors
     /// There is no such clip, with the names of those that are there.
     fn named(&self, name: Option<&str>) -> Result<Vec<usize>, String> {
-        /// Of which names are given: a line.
+        /// The number of names that are given: a line.
         const NAMES_MAX: usize = 12;
         if self.clips.is_empty() {
             return Err("the open scene has no animations".to_owned());

@@ -1,4 +1,4 @@
-//! What surrounds scenes, in the place of their own sky.
+//! The surroundings of scenes, in the place of their own sky.
 
 use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::request::Response;

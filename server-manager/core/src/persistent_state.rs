@@ -52,7 +52,7 @@ pub struct PersistentState {
     /// The clips of the open scene.
     #[serde(default)]
     pub clips: PlayedClips,
-    /// What surrounds scenes, if not their own sky.
+    /// The surroundings of scenes, if not their own sky.
     #[serde(default)]
     pub environment: Option<Environment>,
 }

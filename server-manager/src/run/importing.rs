@@ -44,11 +44,11 @@ pub(super) struct BakedRequest {
 
 /// A request after its bakes.
 struct BakedFiles {
-    /// What the core is asked instead.
+    /// The request that the core gets instead.
     request: Request,
-    /// What servers may now ask for.
+    /// The blobs that servers may now ask for.
     blobs: Vec<BlobHash>,
-    /// What the client should know of them.
+    /// The warning of them for the client.
     warning: Option<String>,
 }
 

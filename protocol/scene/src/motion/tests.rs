@@ -1,4 +1,4 @@
-//! What clips move of edited scenes.
+//! The nodes and joints that clips move in edited scenes.
 
 use super::*;
 use crate::animation::{AnimatedNode, Animations, Channel, Clip, Interpolation};
@@ -39,7 +39,7 @@ fn motion(base: &Arc<Scene>, edits: &SceneEdits) -> Motion {
     Motion::new(base, &PlacedNodes::new(&placed.nodes, ids, edits.clone()), edits).expect("moves")
 }
 
-/// Where nodes stand half a second into the clip, by their indices among those that are placed.
+/// The places of nodes half a second into the clip, by their indices among those that are placed.
 fn places(motion: &Motion) -> Vec<(u32, DVec3)> {
     let clip = ClipTime { clip: 0, time_s: 0.5, weight: 1.0 };
     let places = motion.at(&[clip]).places;

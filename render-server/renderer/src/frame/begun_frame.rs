@@ -24,7 +24,7 @@ pub struct BegunFrame {
     pub(super) shown: Vec<ShownView>,
     /// Exposed light of the sky.
     pub(super) sky: Vec3,
-    /// How it becomes what is shown.
+    /// The way to what is shown.
     pub(super) tone: ToneMapper,
     /// Items that all views may show.
     pub(super) items: usize,

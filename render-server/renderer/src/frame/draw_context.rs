@@ -1,4 +1,4 @@
-//! What passes over a scene draw with.
+//! All that passes over a scene draw with.
 
 use crate::draw_list::{Draw, DrawList};
 use crate::scene::GpuScene;
@@ -14,7 +14,7 @@ pub(crate) struct DrawContext<'a> {
     pub(super) views: Vec<&'a ViewDesc>,
     pub lists: &'a [DrawList],
     pub(super) group: wgpu::BindGroup,
-    /// Of each view; empty where no light casts shadows.
+    /// The bindings of each view; empty where no light casts shadows.
     pub(super) shadows: Vec<wgpu::BindGroup>,
     pub(super) instances: &'a wgpu::Buffer,
     pub(super) uniform_stride: u32,

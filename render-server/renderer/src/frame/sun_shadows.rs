@@ -37,7 +37,7 @@ type SunMaps = Vec<Option<(u32, Vec<Cascade>)>>;
 struct Subject {
     scene: SceneIdentity,
     subset: SceneSubset,
-    /// Of billboards, which turn to the camera.
+    /// The turns of billboards, which follow the camera.
     turns: Vec<DAffine3>,
 }
 
@@ -45,7 +45,7 @@ struct Subject {
 #[derive(Debug)]
 struct MapSet {
     subject: Subject,
-    /// Of all that the camera may show.
+    /// The box of all that the camera may show.
     extent: Bounds,
     /// By layer; `None` until it is drawn.
     drawn: Vec<Option<Cascade>>,
@@ -59,7 +59,7 @@ struct MapSet {
 /// The maps of a frame.
 #[derive(Debug, Default)]
 pub(super) struct FrameShadows {
-    /// Of each view; empty where no light casts shadows.
+    /// The bindings of each view; empty where no light casts shadows.
     pub groups: Vec<wgpu::BindGroup>,
     /// Maps that were drawn anew.
     pub drawn: u32,

@@ -28,7 +28,7 @@ pub(crate) fn casts_shadows(key: &PipelineKey) -> bool {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct CasterKey {
     layout: VertexLayout,
-    /// Where masked, the slot of the texture that has the mask, and whether its place is moved.
+    /// The slot of the texture that has the mask, if any, and whether its place is moved.
     mask: Option<(TextureSlot, bool)>,
 }
 

@@ -1,4 +1,4 @@
-//! Where bytes go in a scene.
+//! The places of bytes in a scene.
 
 /// A place for bytes in a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,7 +15,7 @@ pub enum ContentPlace {
         /// Its index in the mesh's primitives.
         primitive: usize,
     },
-    /// What moves the vertices of a primitive, which has its place before.
+    /// The data that move the vertices of a primitive, which has its place before.
     Deformer {
         /// Its index in the scene's meshes.
         mesh: usize,

@@ -99,9 +99,9 @@ struct MovingLight {
 /// The lights of a scene at a moment.
 #[derive(Clone, Debug)]
 pub(crate) struct MovedLights {
-    /// As [`Lights::suns`].
+    /// The like of [`Lights::suns`].
     pub suns: Vec<DirectionalLight>,
-    /// As [`Lights::lamps`].
+    /// The like of [`Lights::lamps`].
     pub lamps: Vec<LocalLight>,
 }
 
