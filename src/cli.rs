@@ -12,6 +12,7 @@ mod demo;
 mod displays;
 mod examples;
 mod film;
+mod gallery;
 mod keys;
 mod manager;
 mod node;
@@ -99,6 +100,8 @@ enum Command {
     Shot(remote::ShotArguments),
     /// Save frames of a running wall at equal steps of scene time
     Film(film::FilmArguments),
+    /// Make one sheet of pictures of many models
+    Gallery(gallery::Arguments),
     /// Let every display say over its picture which one it is
     Identify(displays::Arguments),
     /// Make every display black
@@ -236,6 +239,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Animation(command) => return animation::run(&command),
         Command::Shot(arguments) => return remote::capture(&arguments),
         Command::Film(arguments) => return film::film(&arguments),
+        Command::Gallery(arguments) => return gallery::run(&arguments),
         Command::Identify(arguments) => return displays::run(OutputMode::Identify, &arguments),
         Command::Blank(arguments) => return displays::run(OutputMode::Blank, &arguments),
         Command::Freeze(arguments) => return displays::run(OutputMode::Freeze, &arguments),
@@ -270,7 +274,7 @@ pub(crate) fn start_log(cli: &Cli) {
     let level = match cli.command {
         Command::Manager(_) | Command::Server(_) => "info",
         // What its own manager would warn of, the command says itself.
-        Command::Simulate(_) | Command::Demo(_) | Command::Bench(_) => {
+        Command::Simulate(_) | Command::Demo(_) | Command::Bench(_) | Command::Gallery(_) => {
             "warn,polyptych_core=error,polyptych_manager=error"
         }
         // Its core would warn of what happened long ago.

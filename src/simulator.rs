@@ -4,6 +4,7 @@ pub(crate) mod barrier;
 pub(crate) mod benchmark;
 pub(crate) mod ending;
 pub(crate) mod faults;
+pub(crate) mod gallery;
 pub(crate) mod local_wall;
 pub(crate) mod orbit;
 pub(crate) mod run_report;

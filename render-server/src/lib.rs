@@ -33,6 +33,7 @@ mod window;
 mod window_output;
 
 pub use monitor::Monitor;
+pub use polyptych_renderer::rasterize;
 pub use run::{
     OutputKind, PRESENT_DELAY_MAX, ServerError, ServerOptions, Shutdown, TokenSource, monitors, run,
 };

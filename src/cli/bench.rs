@@ -12,8 +12,7 @@ use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 
 use super::{bound, manager, one_line, say, simulate};
 use crate::simulator::benchmark::{
-    Benchmark, BenchmarkOptions, COLUMNS_MAX, PeerKit, RunInfo, SceneReport, ending_of, grid_of,
-    page,
+    Benchmark, BenchmarkOptions, COLUMNS_MAX, PeerKit, RunInfo, SceneReport, grid_of, page,
 };
 use crate::simulator::ending::Ending;
 use crate::simulator::local_wall::INTERRUPTED;
@@ -100,7 +99,7 @@ fn report(arguments: &ReportArguments) -> anyhow::Result<ExitCode> {
         match simulate::shown(*scene).and_then(|shown| benchmark.measure(&shown)) {
             Ok(measured) => reports.push(measured),
             Err(error) => {
-                ended = ending_of(&error);
+                ended = Ending::of(&error);
                 if ended.is_some() {
                     break;
                 }

@@ -220,6 +220,10 @@ const EXAMPLES: &[(&str, &[&str])] = &[
             "polyptych bench town.glb --size 640x360 --poses 1000 --random-views 7",
         ],
     ),
+    (
+        "gallery",
+        &["polyptych gallery models", "polyptych gallery models -o all.png --size 640x360 --json"],
+    ),
     ("bench barrier", &["polyptych bench barrier --servers 16 --frames 500"]),
     ("completions", &["polyptych completions bash", "polyptych completions fish"]),
     ("man", &["polyptych man -o man1"]),

@@ -108,7 +108,7 @@ impl Arguments {
 }
 
 /// A scene time in seconds, as an argument.
-fn scene_time(text: &str) -> Result<f64, String> {
+pub(super) fn scene_time(text: &str) -> Result<f64, String> {
     /// Beyond 30 years a frame is no longer an exact step.
     const MAX: f64 = 1e9;
     let time: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;

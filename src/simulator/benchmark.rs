@@ -21,7 +21,7 @@ use polyptych_client::Camera;
 use polyptych_manager::import::Baker;
 use polyptych_text::counted;
 
-use bench_wall::BenchWall;
+pub(crate) use bench_wall::BenchWall;
 pub(crate) use bench_wall::{COLUMNS_MAX, grid_of};
 use frame_samples::FrameSamples;
 pub(crate) use html::page;
@@ -262,9 +262,4 @@ impl<'a> Benchmark<'a> {
         self.end = Some(stage.end());
         Ok(stage)
     }
-}
-
-/// Returns why the user ended a run, if that is what an error says.
-pub(crate) fn ending_of(error: &anyhow::Error) -> Option<Ending> {
-    error.downcast_ref::<Ending>().copied()
 }

@@ -14,6 +14,13 @@ pub(crate) enum Ending {
     WindowClosed,
 }
 
+impl Ending {
+    /// Returns why the user ended a run, if that is what an error says.
+    pub fn of(error: &anyhow::Error) -> Option<Self> {
+        error.downcast_ref().copied()
+    }
+}
+
 impl std::fmt::Display for Ending {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {

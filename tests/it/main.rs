@@ -47,6 +47,7 @@
 //! - `seen`: exit codes say who sees what a command did, and long ones how far they are
 //! - `report`: what a simulated wall writes, also where it ends early or is late
 //! - `bench_report`: speed against error of scenes, as a page and as JSON
+//! - `gallery`: one sheet of pictures of many models
 
 mod animations;
 mod assets;
@@ -65,6 +66,7 @@ mod failures;
 mod first_look;
 mod foreign_walls;
 mod fullscreen;
+mod gallery;
 #[path = "../harness/harness.rs"]
 mod harness;
 #[path = "../hostile/hostile.rs"]

@@ -84,6 +84,7 @@ fn commands_that_make_a_file_replace_only_regular_files() {
         ("simulate wall.toml --record TARGET", "wall.rec"),
         ("manager wall.toml --listen 127.0.0.1:0 --record TARGET", "wall.rec"),
         ("prove wall.toml --out proof", "proof/prove.json"),
+        ("gallery one.glb -o TARGET", "sheet.png"),
         ("bench --out out", "out/report.html"),
         ("bench --out out", "out/report.json"),
     ] {

@@ -19,7 +19,7 @@ pub(crate) const COLUMNS_MAX: u32 = 4;
 
 /// A wall of one server.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct BenchWall {
+pub(crate) struct BenchWall {
     /// Width and height of all channels together, in pixels.
     pub size: [u32; 2],
     /// A power of two; see [`grid_of`].
