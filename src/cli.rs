@@ -31,6 +31,7 @@ mod stop;
 mod stored_view;
 mod surroundings;
 mod tour;
+mod variant;
 mod verify;
 mod viewer;
 mod wall;
@@ -120,6 +121,8 @@ enum Command {
     Exposure(surroundings::ExposureArguments),
     /// Set how a running wall's light becomes what displays show, or say how
     Tone(surroundings::ToneArguments),
+    /// Show a variant of the open scene, or list those of its file
+    Variant(variant::Arguments),
     /// Say how a running wall stands
     Status(status::Arguments),
     /// End the manager of a running wall, and its servers if asked to
@@ -249,6 +252,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Environment(arguments) => surroundings::environment(&arguments),
         Command::Exposure(arguments) => surroundings::exposure(&arguments),
         Command::Tone(arguments) => surroundings::tone(&arguments),
+        Command::Variant(arguments) => return variant::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Stop(arguments) => stop::run(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),

@@ -21,6 +21,7 @@ mod quality;
 mod saved_scenes;
 mod scene_space;
 mod tours;
+mod variants;
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -30,15 +31,14 @@ use std::thread::{self, Thread};
 
 use glam::{DVec2, DVec3};
 use polyptych_protocol::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
+use polyptych_protocol::head_update::HeadUpdate;
 use polyptych_protocol::ids::{Epoch, RequestId};
 use polyptych_protocol::node_query::{NodeInfo, NodePage, NodeQuery, RayHit, RayQuery};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::progress::OpenProgress;
-use polyptych_protocol::request::{
-    HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
-};
+use polyptych_protocol::request::{Pacing, Request, Response, SceneSummary, StoppedServers};
 use polyptych_protocol::transaction::Transaction;
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;

@@ -248,6 +248,7 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientErr
         Response::Way(_) => "a way",
         Response::Layers(_) => "layers",
         Response::Clips(_) => "animations",
+        Response::Variants(_) => "variants",
         Response::Exported(_) => "an exported scene",
     };
     ClientError::WrongAnswer { request, answer }

@@ -57,6 +57,7 @@ mod saved_scenes;
 mod scene;
 mod scene_space;
 mod tours;
+mod variants;
 mod window;
 
 pub use assets::{AssetError, Assets};
@@ -84,6 +85,7 @@ pub use polyptych_protocol::feedback::{
 };
 pub use polyptych_protocol::feedback::{Edited, Tuned};
 pub use polyptych_protocol::follow::Follow;
+pub use polyptych_protocol::head_update::HeadUpdate;
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
 pub use polyptych_protocol::node_query::{
     LayerInfo, NODES_MAX, NearestPoint, NearestQuery, NodeInfo, NodeKind, NodePage, NodeQuery,
@@ -94,13 +96,12 @@ pub use polyptych_protocol::pattern::TestPattern;
 pub use polyptych_protocol::presentation::Presentation;
 pub use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 pub use polyptych_protocol::quality_bounds::{DrawnDetail, ERROR_PX_MAX, QualityBounds};
-pub use polyptych_protocol::request::{
-    HeadUpdate, Pacing, Request, Response, SceneSummary, StoppedServers,
-};
+pub use polyptych_protocol::request::{Pacing, Request, Response, SceneSummary, StoppedServers};
 pub use polyptych_protocol::saved_scene::{SAVED_PREFIX, SavedScene};
 pub use polyptych_protocol::stored_view::StoredView;
 pub use polyptych_protocol::tour_status::TourStatus;
 pub use polyptych_protocol::transaction::{AssetNumbers, AssetSource, NewAssets, Transaction};
+pub use polyptych_protocol::variant::VariantList;
 pub use polyptych_protocol::walk_query::{
     Touched, WAY_POINTS_MAX, WalkEnd, WalkQuery, WalkedWay, Walker,
 };

@@ -3,13 +3,11 @@
 //! Every request has exactly one answer, which carries its number.
 
 use bytes::Bytes;
-use glam::{DQuat, DVec3};
 use polyptych_scene::{Bounds, SceneFeatures, ToneMapper};
 use polyptych_text::text_of_peer;
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::head::HeadPose;
 use polyptych_wall::tour::Tour;
 use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
@@ -21,6 +19,7 @@ use crate::environment::EnvironmentSource;
 use crate::exported_scene::ExportedScene;
 use crate::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
 use crate::follow::Follow;
+use crate::head_update::HeadUpdate;
 use crate::ids::{FrameId, RequestId, Revision};
 use crate::node_query::{
     LayerInfo, NearestPoint, NearestQuery, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,
@@ -33,6 +32,7 @@ use crate::saved_scene::SavedScene;
 use crate::stored_view::StoredView;
 use crate::tour_status::TourStatus;
 use crate::transaction::Transaction;
+use crate::variant::VariantList;
 use crate::walk_query::{WalkQuery, WalkedWay};
 
 /// A message from a client.
@@ -201,6 +201,8 @@ pub enum Request {
     SetEnvironment(EnvironmentSource),
     /// Sets how exposed light becomes what displays show, from the next frame on.
     SetTone(ToneMapper),
+    /// Asks for the variants of the open scene; [`Request::Edit`] chooses one.
+    ListVariants,
 }
 
 impl Request {
@@ -250,6 +252,7 @@ impl Request {
             Self::ListClips => "list the animations",
             Self::SetEnvironment(_) => "set the environment",
             Self::SetTone(_) => "set the tone mapper",
+            Self::ListVariants => "list the variants",
         }
     }
 }
@@ -341,6 +344,8 @@ pub enum Response {
     Layers(Vec<LayerInfo>),
     /// To [`Request::ListClips`]: in the order of their numbers.
     Clips(Vec<ClipStatus>),
+    /// To [`Request::ListVariants`].
+    Variants(VariantList),
 }
 
 impl Response {
@@ -359,7 +364,8 @@ impl Response {
             | Self::Way(_)
             | Self::Exported(_)
             | Self::Layers(_)
-            | Self::Clips(_) => false,
+            | Self::Clips(_)
+            | Self::Variants(_) => false,
             Self::Done
             | Self::SceneOpened(_)
             | Self::Frame(_)
@@ -383,41 +389,6 @@ pub struct StoppedServers {
     /// Servers of the wall file that were not connected, so they could not be told.
     #[serde(deserialize_with = "text_of_peer")]
     pub absent: Vec<String>,
-}
-
-/// A pose of the viewer's head; what is not given stays as it is. A tracker of one marker knows
-/// the position only.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct HeadUpdate {
-    /// The middle between the eyes, in metres of display space.
-    pub position: DVec3,
-    /// A unit quaternion, as [`HeadPose::rotation`].
-    pub rotation: Option<DQuat>,
-    /// From the left eye to the right one, in metres.
-    pub eye_separation_m: Option<f64>,
-}
-
-impl HeadUpdate {
-    /// The pose that this makes of another.
-    pub fn apply(&self, to: &HeadPose) -> HeadPose {
-        HeadPose {
-            position: self.position,
-            rotation: self.rotation.unwrap_or(to.rotation),
-            eye_separation_m: self.eye_separation_m.unwrap_or(to.eye_separation_m),
-        }
-    }
-}
-
-impl From<HeadPose> for HeadUpdate {
-    fn from(HeadPose { position, rotation, eye_separation_m }: HeadPose) -> Self {
-        Self { position, rotation: Some(rotation), eye_separation_m: Some(eye_separation_m) }
-    }
-}
-
-impl From<DVec3> for HeadUpdate {
-    fn from(position: DVec3) -> Self {
-        Self { position, rotation: None, eye_separation_m: None }
-    }
 }
 
 /// Why a request was not done; the wall is as it was before.

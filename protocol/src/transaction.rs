@@ -209,6 +209,11 @@ impl Transaction {
         self.edits.push(Edit::SetFacing { node, facing });
     }
 
+    /// Shows a variant of the scene's file, by its name or its number from 0 on; `None` for none.
+    pub fn set_variant(&mut self, variant: Option<&str>) {
+        self.edits.push(Edit::SetVariant(variant.map(str::to_owned)));
+    }
+
     /// Gives a material of the scene, by its index, another look.
     pub fn set_material(&mut self, material: u32, to: Material) {
         self.edits.push(Edit::SetMaterial { material, to: Box::new(to) });

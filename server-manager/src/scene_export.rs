@@ -181,6 +181,9 @@ impl<'a> SceneWriter<'a> {
             parts.insert(mesh, self.mesh(mesh, &materials, &mut lists)?);
         }
         self.nodes(ids, edits, &parts, &mut lists)?;
+        if !scene.variants.is_empty() {
+            self.notes.push("variants: the file has the look that is shown, no other".to_owned());
+        }
         if scene.exposure.is_some() {
             self.notes.push("the exposure is not in the file: viewers choose their own".to_owned());
         }

@@ -107,6 +107,7 @@ mod trust;
 mod tuning;
 mod twins;
 mod unlit;
+mod variants;
 mod views;
 mod wall_files;
 mod wall_of_processes;

@@ -239,11 +239,14 @@ pub enum Edit {
         /// `None` for one that stays as it is.
         facing: Option<Facing>,
     },
+    /// Shows a variant of the scene's file, by its name or its number from 0 on; `None` for the
+    /// materials that its parts have without one. Materials that were changed stay changed.
+    SetVariant(Option<String>),
 }
 
 impl Edit {
-    /// The node that it changes; `None` for a material, for assets and for the visibility of a
-    /// layer.
+    /// The node that it changes; `None` for a material, for assets, for a variant and for the
+    /// visibility of a layer.
     pub fn node(&self) -> Option<NodeId> {
         match self {
             Self::Create { node, .. }
@@ -262,6 +265,7 @@ impl Edit {
             Self::SetMaterial { .. }
             | Self::AddAssets(_)
             | Self::RemoveAssets(_)
+            | Self::SetVariant(_)
             | Self::SetLayerVisible { .. } => None,
         }
     }
@@ -311,6 +315,7 @@ impl Edit {
             Self::SetMaterial { .. }
             | Self::AddAssets(_)
             | Self::RemoveAssets(_)
+            | Self::SetVariant(_)
             | Self::SetLayerVisible { .. } => {}
         }
         Ok(self)

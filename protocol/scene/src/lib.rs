@@ -28,6 +28,7 @@ mod shared_map;
 mod style;
 mod texture;
 mod tone_mapper;
+mod variants;
 
 use glam::{DAffine3, DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
@@ -54,6 +55,7 @@ pub use scene_edits::{AssetManifests, SceneEdits};
 pub use style::{Facing, Fill, Highlight, NodeStyle, Shading};
 pub use texture::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 pub use tone_mapper::ToneMapper;
+pub use variants::{VARIANTS_MAX, Variant, find_variant};
 
 use crate::limits::{DRAWS_MAX, LIT_DRAWS_MAX, MANIFEST_BYTES_MAX, NOTE_BYTES_MAX, NOTES_MAX};
 use polyptych_codec::{DecodeError, decode_within};
@@ -93,6 +95,8 @@ pub struct Scene {
     pub animations: Animations,
     /// The meshes whose vertices move, each at most once.
     pub deformations: Vec<Deformation>,
+    /// Looks that can be chosen instead of its own.
+    pub variants: Vec<Variant>,
 }
 
 /// One place in the scene.
@@ -258,7 +262,7 @@ impl Scene {
         if let Some(fault) = node_extras::fault(&self.extras, self.nodes.len()) {
             return Some(fault);
         }
-        if let Some(fault) = self.motion_fault() {
+        if let Some(fault) = self.motion_fault().or_else(|| self.variants_fault()) {
             return Some(fault);
         }
         if let Some(exposure) = self.exposure.filter(|e| !(e.is_finite() && *e > 0.0)) {

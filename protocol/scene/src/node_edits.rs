@@ -90,6 +90,7 @@ impl NodeEdits {
             Edit::SetMaterial { .. }
             | Edit::AddAssets(_)
             | Edit::RemoveAssets(_)
+            | Edit::SetVariant(_)
             | Edit::SetLayerVisible { .. } => {}
         }
     }

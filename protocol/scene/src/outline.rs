@@ -13,7 +13,7 @@ use crate::limits::{
 };
 use crate::node_edits::NodeEdits;
 use crate::scene_edits::SceneEdits;
-use crate::{Material, Scene};
+use crate::{Material, Scene, find_variant};
 
 mod values;
 
@@ -33,6 +33,8 @@ pub struct SceneOutline {
     lights: u64,
     /// Primitives, each in every place.
     draws: u64,
+    /// Names of variants.
+    variants: Vec<String>,
 }
 
 /// Why an edit cannot be. The scene is as it was.
@@ -76,6 +78,9 @@ pub enum EditError {
         /// What is wrong, and what would be right.
         what: String,
     },
+    /// A variant that is not there; the text says which are.
+    #[error("{0}")]
+    Variant(String),
     /// The scene would be too large.
     #[error("{0}")]
     TooLarge(String),
@@ -94,11 +99,17 @@ impl From<&Scene> for SceneOutline {
             textures: scene.textures.len() as u32,
             lights: scene.nodes.iter().filter(|node| node.light.is_some()).count() as u64,
             draws: scene.draws(),
+            variants: scene.variants.iter().map(|of| of.name.clone()).collect(),
         }
     }
 }
 
 impl SceneOutline {
+    /// The names of the variants of the scene's file, in the order of their numbers.
+    pub fn variants(&self) -> &[String] {
+        &self.variants
+    }
+
     /// How many nodes the scene's file has.
     pub fn nodes(&self) -> u64 {
         self.parents.len() as u64
@@ -164,7 +175,10 @@ impl SceneOutline {
                      of them into one"
                 )))
             }
-            Edit::AddAssets(_) | Edit::RemoveAssets(_) => Ok(()),
+            Edit::AddAssets(_) | Edit::RemoveAssets(_) | Edit::SetVariant(None) => Ok(()),
+            Edit::SetVariant(Some(name)) => {
+                find_variant(&self.variants, name).map(drop).map_err(EditError::Variant)
+            }
             Edit::SetLayer { .. }
             | Edit::SetLayerVisible { .. }
             | Edit::SetSwitch { .. }

@@ -29,6 +29,8 @@ pub struct SceneEdits {
     /// Assets that were added, by manifest.
     assets: SharedMap<BlobHash, Arc<Measured<AssetSet>>>,
     layers: Layers,
+    /// The variant that is shown, by its name or number.
+    variant: Option<String>,
     /// A sum over the fingerprints of all entries, so that a change costs what it changes.
     fingerprint: u64,
     /// The same over their encoded sizes.
@@ -43,6 +45,7 @@ struct Entries {
     materials: SharedMap<u32, Material>,
     assets: SharedMap<BlobHash, AssetSet>,
     layers: Layers,
+    variant: Option<String>,
     #[serde(rename = "fingerprint")]
     _fingerprint: u64,
     #[serde(rename = "bytes")]
@@ -50,10 +53,10 @@ struct Entries {
 }
 
 impl From<Entries> for SceneEdits {
-    fn from(Entries { nodes, materials, assets, layers: encoded, .. }: Entries) -> Self {
+    fn from(Entries { nodes, materials, assets, layers: encoded, variant, .. }: Entries) -> Self {
         let (nodes, materials) = (Measured::all(&nodes), Measured::all(&materials));
         let (assets, layers) = (Measured::all(&assets), Layers::default());
-        let mut edits = Self { nodes, materials, assets, layers, fingerprint: 0, bytes: 0 };
+        let mut edits = Self { nodes, materials, assets, layers, ..Self::default() };
         for of in edits.nodes.values() {
             if let Some(layer) = &of.value.layer {
                 edits.layers.enter(layer);
@@ -69,6 +72,7 @@ impl From<Entries> for SceneEdits {
         for (layer, _) in encoded.all().filter(|(_, is_hidden)| *is_hidden) {
             edits.hide_layer(layer, true);
         }
+        edits.set_variant(variant);
         edits
     }
 }
@@ -95,6 +99,7 @@ impl SceneEdits {
             && self.materials.is_empty()
             && self.assets.is_empty()
             && self.layers.is_empty()
+            && self.variant.is_none()
     }
 
     /// A number that two with the same changes share, and others hardly ever.
@@ -117,7 +122,7 @@ impl SceneEdits {
     /// what differs.
     pub fn moved_since(&self, before: &Self) -> Option<Vec<NodeId>> {
         let is_alike = self.materials == before.materials && self.assets == before.assets;
-        if !is_alike || self.layers != before.layers {
+        if !is_alike || (&self.layers, &self.variant) != (&before.layers, &before.variant) {
             return None;
         }
         let (mut moved, none) = (Vec::new(), NodeEdits::default());
@@ -213,6 +218,7 @@ impl SceneEdits {
                 self.discount(old.as_deref());
             }
             Edit::SetLayerVisible { layer, visible } => self.hide_layer(&layer, !visible),
+            Edit::SetVariant(variant) => self.set_variant(variant),
             _ => {
                 let Some(node) = edit.node() else { return };
                 let mut entry = self.node(node).cloned().unwrap_or_default();
@@ -244,6 +250,22 @@ impl SceneEdits {
             (true, false) => self.discount(Some(&entry)),
             _ => {}
         }
+    }
+
+    /// Shows a variant. It counts as an entry.
+    fn set_variant(&mut self, variant: Option<String>) {
+        let entry = |name: &String| Measured::new(&("variant", name), ());
+        let old = self.variant.as_ref().map(entry);
+        self.discount(old.as_ref());
+        if let Some(new) = variant.as_ref().map(entry) {
+            self.added(new);
+        }
+        self.variant = variant;
+    }
+
+    /// The variant that is shown, by its name or number.
+    pub fn variant(&self) -> Option<&str> {
+        self.variant.as_deref()
     }
 
     /// Adds an entry to the sums.
@@ -296,12 +318,16 @@ impl SceneEdits {
             extras: Vec::new(),
             animations: Animations::default(),
             deformations: Vec::new(),
+            variants: base.variants.clone(),
         };
         self.add_assets(&mut scene, added);
         for (&material, to) in self.materials.iter() {
             if let Some(slot) = scene.materials.get_mut(material as usize) {
                 slot.clone_from(&to.value);
             }
+        }
+        if let Some(variant) = &self.variant {
+            scene.show_variant(variant, |material| self.materials.get(&material).is_some());
         }
         let ids = self.placed(base, &mut scene, with_hidden);
         (scene, ids)

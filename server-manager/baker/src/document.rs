@@ -79,21 +79,21 @@ pub(super) struct DocumentExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     pub lights: Lights,
     #[serde(rename = "KHR_materials_variants")]
-    variants: Variants,
+    pub variants: Variants,
 }
 
-impl DocumentExtensions {
-    /// How many variants of materials there are.
-    pub(super) fn variants(&self) -> usize {
-        self.variants.variants.len()
-    }
-}
-
-/// `KHR_materials_variants`: only counted.
+/// `KHR_materials_variants` of the file: the names of all.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-struct Variants {
-    variants: Vec<IgnoredAny>,
+pub(super) struct Variants {
+    pub variants: Vec<VariantName>,
+}
+
+/// A variant.
+#[derive(Debug, Deserialize)]
+pub(super) struct VariantName {
+    #[serde(default)]
+    pub name: String,
 }
 
 /// `KHR_lights_punctual`.
@@ -202,6 +202,23 @@ pub(super) struct Primitive {
 pub(super) struct PrimitiveExtensions {
     #[serde(rename = "KHR_draco_mesh_compression")]
     pub draco: Option<DracoStream>,
+    #[serde(rename = "KHR_materials_variants")]
+    pub variants: VariantMappings,
+}
+
+/// `KHR_materials_variants` of a primitive.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct VariantMappings {
+    pub mappings: Vec<VariantMapping>,
+}
+
+/// The material of a primitive in some variants.
+#[derive(Debug, Deserialize)]
+pub(super) struct VariantMapping {
+    pub material: u32,
+    #[serde(default)]
+    pub variants: Vec<u32>,
 }
 
 /// `KHR_draco_mesh_compression`: a view, and the stream's attributes by their names.

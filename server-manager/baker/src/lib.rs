@@ -51,6 +51,7 @@ mod tests;
 mod texture;
 mod topology;
 mod uri;
+mod variants;
 mod vertex_cache;
 
 use std::collections::BTreeMap;
@@ -71,9 +72,10 @@ use material::Palette;
 use notes::Notes;
 use shared_borders::SharedBorders;
 use source::GltfSource;
+use variants::ReplacedMaterials;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 9;
+const BAKER_VERSION: u32 = 10;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.
@@ -288,7 +290,10 @@ impl BakeJob<'_> {
         check_expansion(&scene.nodes, polyptych_scene::draws(&scene.nodes, primitives))?;
         let mut palette = Palette::default();
         let borders = SharedBorders::find(self, &meshes, &scene.nodes, &world)?;
-        scene.meshes = mesh::write_all(self, &mut palette, (&meshes, &borders), &scales)?;
+        let mut replaced = ReplacedMaterials::default();
+        let materials = (&mut palette, &mut replaced);
+        scene.meshes = mesh::write_all(self, materials, (&meshes, &borders), &scales)?;
+        scene.variants = replaced.variants(self);
         self.check_anything_is_drawn(&scene.meshes)?;
         let mesh_of: BTreeMap<u32, u32> = scales.keys().copied().zip(0..).collect();
         renumber(&mut scene.nodes, |node| &mut node.mesh, &mesh_of);
@@ -342,11 +347,6 @@ impl BakeJob<'_> {
         let counts = [
             ("cameras", document.cameras.len(), "not used: the wall has a camera of its own"),
             ("scenes", document.scenes.len().saturating_sub(1), "not shown beside the one that is"),
-            (
-                "variants",
-                document.extensions.variants(),
-                "not shown: parts have their own material",
-            ),
             ("COLOR_1", document.further_colors(), "not drawn: a part has one set of colours"),
         ];
         for (what, count, why) in counts.into_iter().filter(|(_, count, _)| *count > 0) {

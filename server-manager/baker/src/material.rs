@@ -50,59 +50,72 @@ pub(super) struct VertexRequirements {
     pub keeps_order: bool,
 }
 
+/// A material of the file, whether it is lit, and the sets of uv that its vertices have.
+type MaterialKey = (Option<u32>, bool, [Option<u32>; 2]);
+
 /// The materials and textures that are used, in the order of first use.
 #[derive(Debug, Default)]
 pub(super) struct Palette {
     pub materials: Vec<Material>,
     pub textures: Vec<TextureUse>,
     needs: Vec<VertexRequirements>,
-    by_source: BTreeMap<(Option<u32>, bool), u32>,
+    by_source: BTreeMap<MaterialKey, u32>,
     by_use: BTreeMap<TextureUse, u32>,
 }
 
 impl Palette {
     /// The scene's material for one of the file, which `place` names, and what it needs.
-    /// A primitive that has no normals though it needs some is drawn unlit.
+    /// A primitive that has no normals though it needs some is drawn unlit. Its vertices have these
+    /// sets of uv already.
     pub(super) fn material(
         &mut self,
         job: &mut BakeJob<'_>,
         source: Option<u32>,
         is_lit: bool,
+        uv_sets: [Option<u32>; 2],
         place: &str,
     ) -> Result<(Option<u32>, VertexRequirements), BakeError> {
         if source.is_none() && is_lit {
-            return Ok((None, VertexRequirements::default()));
+            return Ok((None, VertexRequirements { uv_sets, ..VertexRequirements::default() }));
         }
-        if let Some(&index) = self.by_source.get(&(source, is_lit)) {
+        if let Some(&index) = self.by_source.get(&(source, is_lit, uv_sets)) {
             return Ok((Some(index), self.needs[index as usize]));
         }
         let mut made = match source {
             Some(index) => {
                 let json = job.source.document.materials.at(index, place)?;
-                self.convert(job, json, index, is_lit)?
+                self.convert(job, json, (index, is_lit), uv_sets)?
             }
-            None => (Material::default(), VertexRequirements::default()),
+            None => (
+                Material::default(),
+                VertexRequirements { uv_sets, ..VertexRequirements::default() },
+            ),
         };
         made.0.unlit |= !is_lit;
-        let index = self.materials.len() as u32;
-        self.materials.push(made.0);
-        self.needs.push(made.1);
-        self.by_source.insert((source, is_lit), index);
+        let index = self.add(made.0, made.1);
+        self.by_source.insert((source, is_lit, uv_sets), index);
         Ok((Some(index), made.1))
+    }
+
+    /// Appends a material; returns its index.
+    pub(super) fn add(&mut self, material: Material, needs: VertexRequirements) -> u32 {
+        self.materials.push(material);
+        self.needs.push(needs);
+        self.materials.len() as u32 - 1
     }
 
     fn convert(
         &mut self,
         job: &mut BakeJob<'_>,
         json: &json::Material,
-        index: u32,
-        is_lit: bool,
+        (index, is_lit): (u32, bool),
+        uv_sets: [Option<u32>; 2],
     ) -> Result<(Material, VertexRequirements), BakeError> {
         let place = format!("materials[{index}]");
         let mut material = factors(json, &place)?;
         let pbr = &json.pbr_metallic_roughness;
-        let mut user =
-            MaterialContext { palette: self, job, place, needs: VertexRequirements::default() };
+        let needs = VertexRequirements { uv_sets, ..VertexRequirements::default() };
+        let mut user = MaterialContext { palette: self, job, place, needs };
         let content = match material.alpha_mode {
             AlphaMode::Opaque => TextureKind::Color,
             _ => TextureKind::ColorAlpha,

@@ -15,6 +15,7 @@ use super::piece::{Blob, Piece};
 use super::pose::Pose;
 use super::shared_borders::SharedBorders;
 use super::split;
+use super::variants::ReplacedMaterials;
 use super::{BakeJob, check, document, tangent, topology};
 
 /// Triangles, lines and points whose levels are made at once: enough to keep all cores busy with
@@ -54,7 +55,7 @@ struct Draft {
 /// one of their units is drawn as. Gives them in the order of the keys.
 pub(super) fn write_all(
     job: &mut BakeJob<'_>,
-    palette: &mut Palette,
+    (palette, replaced): (&mut Palette, &mut ReplacedMaterials),
     (uses, borders): (&Meshes, &SharedBorders),
     scales: &BTreeMap<u32, f64>,
 ) -> Result<Vec<Mesh>, BakeError> {
@@ -77,7 +78,7 @@ pub(super) fn write_all(
             let place = format!("meshes[{}].primitives[{i}]", used.mesh);
             let is_surface = topology::of_mode(primitive.mode) == Some(Topology::Triangles);
             let is_lit = is_surface || primitive.attributes.contains_key("NORMAL");
-            let (material, needs) = palette.material(job, primitive.material, is_lit, &place)?;
+            let (material, needs) = replaced.material(job, palette, primitive, is_lit, &place)?;
             let pose = uses.pose(used, primitive).map(|(index, _)| index);
             let key = key(primitive, &needs, scale, pose);
             keys.push(PrimitiveKey { border, bent: used.bent, ..key });

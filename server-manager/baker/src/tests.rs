@@ -11,6 +11,7 @@ mod levels;
 mod missing;
 mod numbers;
 mod pose;
+mod variants;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -121,7 +121,7 @@ impl Cluster {
             | Request::DescribeTour) => return self.guide(guiding).map(Some),
             Request::FollowNode(follow) => return self.follow(job, follow),
             Request::ChangeClips(change) => self.change_clips(&change)?,
-            Request::ListClips => return Ok(Some(Response::Clips(self.clips.statuses()))),
+            list @ (Request::ListClips | Request::ListVariants) => return self.list(&list),
             Request::Stop => return Ok(self.stop(job)),
             Request::StopServers => {
                 // Answered by the event loop, which hears the goodbyes of servers.
@@ -130,6 +130,14 @@ impl Cluster {
             }
         }
         Ok(Some(Response::Done))
+    }
+
+    /// What of the open scene can be chosen.
+    fn list(&self, request: &Request) -> Result<Option<Response>, String> {
+        Ok(Some(match request {
+            Request::ListVariants => Response::Variants(self.variants()?),
+            _ => Response::Clips(self.clips.statuses()),
+        }))
     }
 
     fn set_exposure(&mut self, exposure: f32) -> Result<(), String> {

@@ -41,6 +41,7 @@ mod supersede;
 #[cfg(test)]
 mod tests;
 mod tours;
+mod variants;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! What the wall looks at, and from where: the camera, the viewer's head, and the views that lie
 //! over the wall's own picture.
 
-use polyptych_protocol::request::HeadUpdate;
+use polyptych_protocol::head_update::HeadUpdate;
 use polyptych_wall::Wall;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;

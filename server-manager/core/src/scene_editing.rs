@@ -44,6 +44,7 @@ enum Target {
     Node(NodeId),
     Material(u32),
     Layer(String),
+    Variant,
 }
 
 impl Target {
@@ -51,6 +52,7 @@ impl Target {
         match edit {
             Edit::SetMaterial { material, .. } => Some(Self::Material(*material)),
             Edit::SetLayerVisible { layer, .. } => Some(Self::Layer(layer.clone())),
+            Edit::SetVariant(_) => Some(Self::Variant),
             other => other.node().map(Self::Node),
         }
     }
@@ -62,6 +64,7 @@ impl std::fmt::Display for Target {
             Self::Node(node) => node.fmt(f),
             Self::Material(material) => write!(f, "material {material}"),
             Self::Layer(layer) => write!(f, "layer {layer}"),
+            Self::Variant => f.write_str("the variant"),
         }
     }
 }

@@ -9,6 +9,7 @@ use polyptych_protocol::node_query::{
 };
 use polyptych_protocol::request::{RequestError, Response};
 use polyptych_protocol::transaction::{AssetSource, Transaction};
+use polyptych_protocol::variant::VariantList;
 use polyptych_protocol::walk_query::{Touched, WalkEnd, WalkQuery, WalkedWay, Walker};
 use polyptych_scene::{
     Attribute, Bounds, Facing, Fill, Highlight, Light, LightKind, Material, NewNode, NodeId,
@@ -56,6 +57,7 @@ pub fn transaction() -> Transaction {
     transaction.set_switch(NodeId(1), Some(lamp));
     transaction.set_style(NodeId(1), style());
     transaction.set_facing(NodeId(1), Some(Facing::Eye));
+    transaction.set_variant(Some("Day"));
     transaction.remove(NodeId(0));
     transaction.with_scene(AssetSource::Glb(b"glTF".as_slice().into()), NewNode::default())
 }
@@ -135,6 +137,7 @@ pub fn answers_about_space() -> Vec<Result<Response, RequestError>> {
             speed: -1.0,
             weight: 0.5,
         }])),
+        Ok(Response::Variants(VariantList { names: vec!["Day".into()], chosen: Some(0) })),
         Ok(Response::Nodes(NodePage { revision: Revision(3), found: 1, nodes: vec![node()] })),
         Ok(Response::Nearest(Some(NearestPoint {
             revision: Revision(3),

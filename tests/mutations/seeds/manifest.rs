@@ -7,7 +7,7 @@ use polyptych_scene::{
     AlphaMode, AnimatedNode, AnimatedPath, Animations, Attribute, Bounds, Channel, Clip,
     Deformation, IndexFormat, Instance, Interpolation, LevelCut, Light, LightKind, Material, Mesh,
     Node, NodeExtras, Primitive, Sampler, Scene, Texture, TextureFormat, TextureRef, Topology,
-    VertexLayout,
+    Variant, VertexLayout,
 };
 
 /// The same with levels of detail, which what clips bend has not.
@@ -102,6 +102,7 @@ pub fn scene() -> Scene {
         }],
         animations: animations(),
         deformations: vec![deformation()],
+        variants: vec![Variant { name: "Day".into(), materials: vec![(0, 0)] }],
     }
 }
 

@@ -297,6 +297,7 @@ fn calls() -> Vec<RequestMessage> {
         Request::SetBounds(QualityBounds { error_px: 0.5, rate_fps: Some(30.0) }),
         Request::ChangeClips(ClipChange { clip: Some("walk".into()), action: clip_action() }),
         Request::ListClips,
+        Request::ListVariants,
         Request::RemoveSavedScene { name: "evening".into() },
         Request::FollowNode(follow()),
         Request::FindWay(way()),
