@@ -99,7 +99,9 @@ mod tests {
 
     fn looks(scene: &Scene, edits: &[Edit]) -> String {
         let mut all = SceneEdits::default();
-        edits.iter().for_each(|edit| all.apply(edit.clone()));
+        for edit in edits {
+            all.apply(edit.clone());
+        }
         let (shown, _) = all.apply_to(scene, &AssetManifests::new());
         let names: Vec<&str> = shown.materials.iter().map(|of| of.name.as_str()).collect();
         names.join(" ")
