@@ -193,6 +193,9 @@ fn check_material(material: &Material, pictures: usize) -> Result<(), String> {
     if let Some(of) = material.textures().find(|of| of.texture as usize >= pictures) {
         return Err(format!("there is no picture {}; {pictures} were added", of.texture));
     }
+    if let Some(fault) = material.extensions.as_ref().and_then(|of| of.fault()) {
+        return Err(fault);
+    }
     let numbers =
         [material.metallic, material.roughness, material.normal_scale, material.occlusion_strength];
     let cutoff = if let AlphaMode::Mask(cutoff) = material.alpha_mode { cutoff } else { 0.0 };

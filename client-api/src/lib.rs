@@ -107,8 +107,8 @@ pub use polyptych_protocol::walk_query::{
 };
 pub use polyptych_scene::{
     AlphaMode, Attribute, Bounds, Edit, Facing, Fill, Highlight, Light, LightKind, Material,
-    NewNode, NodeId, NodeStyle, SceneFeatures, SceneSubset, Shading, TextureRef, ToneMapper,
-    Topology, provisional_asset,
+    MaterialExtensions, NewNode, NodeId, NodeStyle, SceneFeatures, SceneSubset, Shading, Specular,
+    TextureRef, ToneMapper, Topology, provisional_asset,
 };
 pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;

@@ -30,12 +30,18 @@ pub struct SceneFeatures {
     /// Directional lights of its own: maps of what they reach.
     #[serde(default)]
     pub sun_shadows: bool,
+    /// Materials with `KHR_materials_ior` or `KHR_materials_specular`.
+    #[serde(default)]
+    pub specular: bool,
 }
 
 impl SceneFeatures {
     /// What this scene needs.
     pub fn from_scene(scene: &Scene) -> Self {
         let any = |test: fn(&super::Material) -> bool| scene.materials.iter().any(test);
+        let extends = |test: fn(&super::MaterialExtensions) -> bool| {
+            scene.materials.iter().flat_map(|of| &of.extensions).any(|of| test(of))
+        };
         let primitives = || scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
         let mut uses = vec![0usize; scene.meshes.len()];
         for node in &scene.nodes {
@@ -53,6 +59,7 @@ impl SceneFeatures {
             lights: scene.nodes.iter().any(|node| node.light.is_some()),
             instances: uses.iter().any(|&count| count > 1),
             points_or_lines: primitives().any(|p| p.topology != Topology::Triangles),
+            specular: extends(|of| of.specular.is_some()),
             sun_shadows: scene.nodes.iter().any(|node| {
                 let light = node.light.and_then(|light| scene.lights.get(light as usize));
                 light.is_some_and(Light::casts_shadows)
@@ -73,6 +80,7 @@ impl SceneFeatures {
             (self.instances, "instances"),
             (self.points_or_lines, "points_or_lines"),
             (self.sun_shadows, "sun_shadows"),
+            (self.specular, "specular"),
         ]
         .into_iter()
         .filter_map(|(needed, name)| needed.then_some(name))

@@ -3,6 +3,7 @@
 //! The binary part goes out as it comes, so it may be larger than memory; the JSON, which stands
 //! before it in a file, is known only at the end.
 
+mod extension_json;
 mod material_json;
 
 use std::collections::BTreeSet;

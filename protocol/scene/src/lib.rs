@@ -14,6 +14,7 @@ mod layers;
 mod level_cut;
 pub mod limits;
 mod material;
+mod material_extensions;
 mod measured;
 mod mesh;
 pub mod meshlet;
@@ -45,6 +46,9 @@ pub use features::SceneFeatures;
 pub use layers::{Layers, NodeTraits, SceneSubset};
 pub use level_cut::{CUTS_MAX, LevelCut};
 pub use material::{AlphaMode, Material, TextureRef};
+pub use material_extensions::{
+    EXTENSION_SLOTS, EXTENSION_TEXTURES_MAX, MaterialExtensions, Specular,
+};
 pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 pub use motion::{Moment, Motion};
 pub use node_edits::NodeEdits;

@@ -3,6 +3,8 @@
 use glam::{Affine2, Vec3, Vec4};
 use serde::{Deserialize, Serialize};
 
+use super::MaterialExtensions;
+
 /// A surface. Factors multiply the textures; all are linear.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Material {
@@ -36,6 +38,8 @@ pub struct Material {
     pub occlusion_texture: Option<TextureRef>,
     /// sRGB radiance.
     pub emissive_texture: Option<TextureRef>,
+    /// What extensions add; `None` where there are none.
+    pub extensions: Option<Box<MaterialExtensions>>,
 }
 
 /// How alpha is used.
@@ -79,13 +83,14 @@ impl Default for Material {
             normal_texture: None,
             occlusion_texture: None,
             emissive_texture: None,
+            extensions: None,
         }
     }
 }
 
 impl Material {
     /// Its textures in the order in which shaders bind them: base colour, metallic-roughness,
-    /// normal, occlusion, emissive.
+    /// normal, occlusion, emissive. Those of extensions are not among them.
     pub fn texture_slots(&self) -> [Option<TextureRef>; 5] {
         [
             self.base_color_texture,
@@ -96,7 +101,7 @@ impl Material {
         ]
     }
 
-    /// The same to change them, those that it has.
+    /// The textures that it has, to change them: those of extensions last.
     pub fn textures_mut(&mut self) -> impl Iterator<Item = &mut TextureRef> {
         [
             &mut self.base_color_texture,
@@ -107,10 +112,12 @@ impl Material {
         ]
         .into_iter()
         .flatten()
+        .chain(self.extensions.iter_mut().flat_map(|of| of.slots_mut()).flatten())
     }
 
-    /// The textures that it has.
+    /// The textures that it has: those of extensions last.
     pub fn textures(&self) -> impl Iterator<Item = TextureRef> {
-        self.texture_slots().into_iter().flatten()
+        let further = self.extensions.iter().flat_map(|of| of.texture_slots());
+        self.texture_slots().into_iter().chain(further).flatten()
     }
 }

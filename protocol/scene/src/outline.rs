@@ -477,6 +477,9 @@ impl SceneOutline {
         if !material.normal_scale.is_finite() {
             return Err("normal_scale is a finite number".to_owned());
         }
+        if let Some(fault) = material.extensions.as_ref().and_then(|of| of.fault()) {
+            return Err(fault);
+        }
         Ok(())
     }
 }

@@ -1,12 +1,15 @@
-//! The bind groups, said once: 0 frame, 1 pass, 2 material; instances are a vertex buffer.
+//! The bind groups, said once: 0 frame, 1 pass, 2 material, 3 what extensions add to it;
+//! instances are a vertex buffer.
 //!
 //! wgpu takes equal layouts for the same, so whoever needs one makes it here.
+
+use polyptych_scene::EXTENSION_TEXTURES_MAX;
 
 use super::environment::EnvironmentUniform;
 use super::gpu::Gpu;
 use super::pass::background::BackgroundUniform;
 use super::pass::correct::{CellRecord, CorrectionUniform};
-use super::scene::MaterialUniform;
+use super::scene::{ExtensionUniform, MaterialUniform};
 use super::shadow_uniform::ShadowUniform;
 use super::view::{FrameUniform, LocalLightRecord};
 
@@ -178,6 +181,20 @@ pub(crate) fn material_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
     entries.extend((6..=10).map(sampler));
     device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: Some("material/layout"),
+        entries: &entries,
+    })
+}
+
+/// Group 3: factors of extensions, their textures, their samplers.
+pub(crate) fn extension_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    const TEXTURES: u32 = EXTENSION_TEXTURES_MAX as u32;
+    let fragment = wgpu::ShaderStages::FRAGMENT;
+    let uniform = wgpu::BufferBindingType::Uniform;
+    let mut entries = vec![buffer(0, fragment, uniform, false, size_of::<ExtensionUniform>())];
+    entries.extend((1..=TEXTURES).map(|binding| texture(binding, true)));
+    entries.extend((1 + TEXTURES..=2 * TEXTURES).map(sampler));
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("extension/layout"),
         entries: &entries,
     })
 }

@@ -9,6 +9,7 @@ use super::bindings;
 use super::gpu::Gpu;
 use super::output_texture::ImageEncoding;
 use super::pass::{opaque, transparent};
+use super::scene::ExtensionFeatures;
 use super::shader::{self, Interface};
 use super::target::{DEPTH_FORMAT, DISPLAY_FORMAT, LINEAR_FORMAT};
 
@@ -21,8 +22,9 @@ pub(crate) enum Alpha {
 }
 
 /// Where a texture's coordinates come from. The numbers stand in `include/material.wgsl`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum TextureSlot {
+    #[default]
     None = 0,
     Uv0 = 1,
     Uv1 = 2,
@@ -45,6 +47,7 @@ pub(crate) struct MaterialFeatures {
     pub glowing: bool,
     pub uv_transformed: bool,
     pub highlighted: bool,
+    pub extensions: ExtensionFeatures,
 }
 
 /// Which faces are left out.
@@ -83,7 +86,20 @@ pub(crate) struct PipelineVariant {
 /// A pipeline of a key: float target, tone mapper, environment.
 type Built = (bool, ToneMapper, bool);
 
+/// What of the bindings a pipeline has beside those of all.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+struct LayoutKey {
+    has_environment: bool,
+    has_shadows: bool,
+    has_extensions: bool,
+}
+
 impl PipelineKey {
+    fn layout_key(&self, has_environment: bool) -> LayoutKey {
+        let has_extensions = !self.material.extensions.set.is_empty();
+        LayoutKey { has_environment, has_shadows: self.has_shadows(), has_extensions }
+    }
+
     /// Returns whether lights cast shadows.
     pub fn has_shadows(&self) -> bool {
         self.shadows != ShadowFilter::Off
@@ -100,15 +116,17 @@ impl PipelineKey {
     fn interface(&self, has_environment: bool) -> Interface {
         let m = &self.material;
         let slots = [m.base_color, m.metallic_roughness, m.normal, m.occlusion, m.emissive];
+        let has = |slot| slots.contains(&slot) || m.extensions.coordinates.contains(&slot);
         let attributes = VertexLayout {
             tangent: m.normal != TextureSlot::None,
-            uv0: slots.contains(&TextureSlot::Uv0),
-            uv1: slots.contains(&TextureSlot::Uv1),
+            uv0: has(TextureSlot::Uv0),
+            uv1: has(TextureSlot::Uv1),
             color: self.layout.color,
         };
         let environment = has_environment && m.lit;
         let (lamps, shadows) = (self.lamps && m.lit, self.has_shadows() && m.lit);
-        Interface { attributes, lit: m.lit, lamps, shadows, environment }
+        let extensions = m.extensions.set;
+        Interface { attributes, lit: m.lit, lamps, shadows, environment, extensions }
     }
 
     fn constants(&self, tone: ToneMapper) -> Vec<(&'static str, f64)> {
@@ -133,6 +151,7 @@ impl PipelineKey {
             ("MIRRORED", flag(self.mirrored)),
             ("TONE_MAPPER", tone.number()),
         ];
+        constants.extend(m.extensions.constants());
         if m.alpha != Alpha::Blend {
             constants.push(("TONE_MAPPED", flag(!self.linear)));
         }
@@ -163,8 +182,7 @@ pub(crate) struct InstanceRecord {
 #[derive(Debug)]
 pub(crate) struct Pipelines {
     samples: u32,
-    /// By whether an environment is bound, and whether maps of shadows are.
-    layouts: BTreeMap<(bool, bool), wgpu::PipelineLayout>,
+    layouts: BTreeMap<LayoutKey, wgpu::PipelineLayout>,
     /// The filter of all scenes that have shadows.
     pub shadows: ShadowFilter,
     modules: BTreeMap<(Interface, bool), wgpu::ShaderModule>,
@@ -174,21 +192,21 @@ pub(crate) struct Pipelines {
 impl Pipelines {
     pub fn new(gpu: &Gpu, samples: u32) -> Self {
         let (modules, ready) = (BTreeMap::new(), BTreeMap::new());
-        let layouts = [(false, false), (false, true)].map(|of| (of, pipeline_layout(gpu, of)));
+        let layouts = [false, true].map(|has_shadows| {
+            let of = LayoutKey { has_shadows, ..LayoutKey::default() };
+            (of, pipeline_layout(gpu, of))
+        });
         let (layouts, shadows) = (layouts.into(), ShadowFilter::default());
         Self { samples, layouts, shadows, modules, ready }
     }
 
     /// Makes what is missing for a scene that is drawn in this way.
     pub fn prepare(&mut self, gpu: &Gpu, keys: &[PipelineKey], variant: PipelineVariant) {
-        if variant.environment {
-            for of in [(true, false), (true, true)] {
-                self.layouts.entry(of).or_insert_with(|| pipeline_layout(gpu, of));
-            }
-        }
         for key in &keys.iter().map(|key| self.filtered(key)).collect::<Vec<_>>() {
             let built = key.built(variant);
             if !self.ready.contains_key(&(*key, built)) {
+                let of = key.layout_key(variant.environment);
+                self.layouts.entry(of).or_insert_with(|| pipeline_layout(gpu, of));
                 let pipeline = self.build(gpu, key, built);
                 self.ready.insert((*key, built), pipeline);
             }
@@ -225,7 +243,7 @@ impl Pipelines {
         let (is_float, tone, has_environment) = built;
         let blended = key.material.alpha == Alpha::Blend;
         let interface = key.interface(has_environment);
-        let layout = self.layouts.get(&(has_environment, key.has_shadows()));
+        let layout = self.layouts.get(&key.layout_key(has_environment));
         let pass = if blended { transparent::SOURCE } else { opaque::SOURCE };
         let module = self.modules.entry((interface, blended)).or_insert_with(|| {
             gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -286,20 +304,19 @@ impl Pipelines {
     }
 }
 
-fn pipeline_layout(
-    gpu: &Gpu,
-    (has_environment, has_shadows): (bool, bool),
-) -> wgpu::PipelineLayout {
+fn pipeline_layout(gpu: &Gpu, of: LayoutKey) -> wgpu::PipelineLayout {
     let material = bindings::material_layout(&gpu.device);
-    let frame = if has_environment {
+    let frame = if of.has_environment {
         bindings::environment_frame_layout(&gpu.device)
     } else {
         bindings::frame_layout(&gpu.device)
     };
-    let shadow = has_shadows.then(|| bindings::shadow_layout(&gpu.device));
+    let shadow = of.has_shadows.then(|| bindings::shadow_layout(&gpu.device));
+    let extension = of.has_extensions.then(|| bindings::extension_layout(&gpu.device));
+    let groups = [Some(&frame), shadow.as_ref(), Some(&material), extension.as_ref()];
     gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some("scene/pipeline_layout"),
-        bind_group_layouts: &[Some(&frame), shadow.as_ref(), Some(&material)],
+        bind_group_layouts: if of.has_extensions { &groups } else { &groups[..3] },
         immediate_size: 0,
     })
 }

@@ -12,6 +12,7 @@ mod items_by_batch;
 mod layout;
 mod light;
 mod material;
+mod material_extension;
 mod meshlet;
 mod moment;
 mod moved_items;
@@ -38,7 +39,8 @@ pub(crate) use geometry::Geometry;
 pub(crate) use identity::SceneIdentity;
 pub use layout::SceneLayout;
 pub(crate) use light::{DirectionalLight, LocalLight};
-pub(crate) use material::MaterialUniform;
+pub(crate) use material::{MaterialGroups, MaterialUniform};
+pub(crate) use material_extension::{ExtensionFeatures, ExtensionUniform};
 pub(crate) use meshlet::{MeshletCull, Meshlets, joined};
 pub use moved_items::{MovedItems, MovedNode};
 pub(crate) use subset::Selection;
@@ -70,7 +72,7 @@ pub struct GpuScene {
     /// Items that stand elsewhere than in the layout.
     moved: Option<Arc<MovedItems>>,
     pub(crate) geometries: Arc<Vec<Geometry>>,
-    pub(crate) materials: Arc<Vec<wgpu::BindGroup>>,
+    pub(crate) materials: Arc<Vec<MaterialGroups>>,
     pub(crate) lamp_indices: wgpu::Buffer,
     /// By slot; what materials are made of.
     textures: Arc<Vec<wgpu::TextureView>>,

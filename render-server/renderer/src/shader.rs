@@ -5,6 +5,7 @@ use polyptych_scene::VertexLayout;
 const FRAME: &str = include_str!("include/frame.wgsl");
 const VERTEX: &str = include_str!("include/vertex.wgsl");
 const MATERIAL: &str = include_str!("include/material.wgsl");
+const EXTENSION: &str = include_str!("include/extension.wgsl");
 const SHADOW: &str = include_str!("include/shadow.wgsl");
 /// Stands for [`SHADOW`] where no light casts shadows.
 const NO_SHADOW: &str = "
@@ -32,6 +33,22 @@ pub(crate) struct Interface {
     pub shadows: bool,
     /// Light comes from all around, by a map.
     pub environment: bool,
+    /// What extensions add to the material.
+    pub extensions: ExtensionSet,
+}
+
+/// The extensions of a material that change its light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub(crate) struct ExtensionSet {
+    /// `KHR_materials_ior` or `KHR_materials_specular`.
+    pub specular: bool,
+}
+
+impl ExtensionSet {
+    /// Returns whether the material has none.
+    pub fn is_empty(self) -> bool {
+        self == Self::default()
+    }
 }
 
 impl Interface {
@@ -44,6 +61,8 @@ impl Interface {
             "color" => self.attributes.color,
             "lamps" => self.lamps,
             "environment" => self.environment,
+            "extended" => !self.extensions.is_empty(),
+            "specular" => self.extensions.specular,
             _ => false,
         }
     }
@@ -71,7 +90,9 @@ pub(crate) fn surface(interface: Interface, pass: &str) -> String {
     let shadow = if interface.shadows { SHADOW } else { NO_SHADOW };
     let [map, light] =
         if interface.environment { [ENVIRONMENT, ENVIRONMENT_LIGHT] } else { [""; 2] };
-    [FRAME, map, &vertex, MATERIAL, shadow, &surface, light, TONE, pass].concat()
+    let extension =
+        if interface.extensions.is_empty() { String::new() } else { interface.select(EXTENSION) };
+    [FRAME, map, &vertex, MATERIAL, &extension, shadow, &surface, light, TONE, pass].concat()
 }
 
 /// A pass over the pixels behind everything, which show an environment.

@@ -38,15 +38,13 @@ const SAID_ELSEWHERE: [&str; 18] = [
 
 /// Extensions of materials with the keys that must differ from these values to be seen: each is a
 /// number, or the value of all numbers of a list.
-const NEUTRAL: [(&str, &[(&str, f64)]); 10] = [
+const NEUTRAL: [(&str, &[(&str, f64)]); 8] = [
     ("KHR_materials_anisotropy", &[("anisotropyStrength", 0.0)]),
     ("KHR_materials_clearcoat", &[("clearcoatFactor", 0.0)]),
     ("KHR_materials_diffuse_transmission", &[("diffuseTransmissionFactor", 0.0)]),
     ("KHR_materials_dispersion", &[("dispersion", 0.0)]),
-    ("KHR_materials_ior", &[("ior", 1.5)]),
     ("KHR_materials_iridescence", &[("iridescenceFactor", 0.0)]),
     ("KHR_materials_sheen", &[("sheenColorFactor", 0.0)]),
-    ("KHR_materials_specular", &[("specularFactor", 1.0), ("specularColorFactor", 1.0)]),
     ("KHR_materials_transmission", &[("transmissionFactor", 0.0)]),
     ("KHR_materials_volume", &[("thicknessFactor", 0.0)]),
 ];
@@ -225,12 +223,7 @@ fn is_neutral(name: &str, value: &Value) -> bool {
         None => true,
         Some(Value::Array(list)) => list.iter().all(|number| number.as_f64() == Some(*neutral)),
         Some(number) => number.as_f64() == Some(*neutral),
-    }) && (name != "KHR_materials_specular" || !has_texture(value))
-}
-
-/// Whether a texture changes what neutral factors leave alone.
-fn has_texture(value: &Value) -> bool {
-    value.as_object().is_some_and(|keys| keys.keys().any(|key| key.ends_with("Texture")))
+    })
 }
 
 #[cfg(test)]
@@ -271,20 +264,17 @@ mod tests {
     #[test]
     fn says_nothing_of_extensions_that_change_nothing() {
         let neutral = json!({
-            "KHR_materials_clearcoat": {}, "KHR_materials_ior": { "ior": 1.5 },
+            "KHR_materials_clearcoat": {}, "KHR_materials_dispersion": { "dispersion": 0.0 },
             "KHR_materials_transmission": { "transmissionFactor": 0, "transmissionTexture": {} },
             "KHR_materials_sheen": { "sheenColorFactor": [0, 0.0, 0] },
-            "KHR_materials_specular": { "specularColorFactor": [1, 1, 1] },
             "KHR_materials_emissive_strength": { "emissiveStrength": 3 },
         });
         let declared: Vec<&str> =
             neutral.as_object().expect("an object").keys().map(String::as_str).collect();
         let json = |extensions: &Value| json!({ "materials": [{ "extensions": extensions }] });
         assert_eq!(notes(&json(&neutral), &declared), [] as [String; 0]);
-        let specular = json!({ "KHR_materials_specular": { "specularTexture": { "index": 0 } } });
-        assert_eq!(notes(&json(&specular), &[]).len(), 1);
-        let coated = json!({ "KHR_materials_ior": { "ior": 1.33 } });
-        assert_eq!(notes(&json(&coated), &[]).len(), 1);
+        let dispersive = json!({ "KHR_materials_dispersion": { "dispersion": 0.1 } });
+        assert_eq!(notes(&json(&dispersive), &[]).len(), 1);
     }
 
     #[test]

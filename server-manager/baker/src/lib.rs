@@ -33,6 +33,7 @@ mod levels;
 mod light;
 pub mod map;
 mod material;
+mod material_extensions;
 mod mesh;
 mod mesh_use;
 mod mip;
@@ -44,6 +45,7 @@ mod placeholder;
 mod pose;
 mod shared_borders;
 mod source;
+mod specular_glossiness;
 mod split;
 mod tangent;
 #[cfg(test)]

@@ -14,8 +14,8 @@ use super::BakeJob;
 use super::error::BakeError;
 use super::json::JsonError;
 
-/// Brightest emission: what a half float can still hold.
-const EMISSIVE_MAX: f32 = 65504.0;
+/// Largest factor, such as the brightest emission: what a half float can still hold.
+pub(super) const FACTOR_MAX: f32 = 65504.0;
 
 /// What a texture holds, which decides how it is filtered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -28,6 +28,10 @@ pub(super) enum TextureKind {
     Data,
     /// Unit vectors.
     Normal,
+    /// sRGB factors of an extension, and linear numbers in alpha.
+    Tint,
+    /// Glossiness in alpha, which becomes roughness in G; the factor in 65,520ths.
+    Glossiness(u16),
 }
 
 /// A texture of the file, as one of its materials uses it.
@@ -120,12 +124,18 @@ impl Palette {
             AlphaMode::Opaque => TextureKind::Color,
             _ => TextureKind::ColorAlpha,
         };
-        if let Some(info) = &pbr.base_color_texture {
+        // Unlit is the base colour alone: nothing else is read or kept.
+        let is_lit = is_lit && !material.unlit;
+        let mut converted = None;
+        if !material.unlit {
+            converted = user.specular_glossiness(json, &mut material, (content, is_lit))?;
+        }
+        if let Some(info) = pbr.base_color_texture.as_ref().filter(|_| converted.is_none()) {
             material.base_color_texture = user.info(info, content)?;
         }
-        // Unlit is the base colour alone: nothing else is read or kept.
-        if is_lit && !material.unlit {
-            if let Some(info) = &pbr.metallic_roughness_texture {
+        if is_lit {
+            let of_metal = pbr.metallic_roughness_texture.as_ref();
+            if let Some(info) = of_metal.filter(|_| converted.is_none()) {
                 material.metallic_roughness_texture = user.info(info, TextureKind::Data)?;
             }
             if let Some(info) = &json.emissive_texture {
@@ -148,6 +158,7 @@ impl Palette {
                 let used = user.texture(index, set, transform.as_ref(), TextureKind::Data)?;
                 material.occlusion_texture = used;
             }
+            material.extensions = user.extensions(json, converted)?;
         }
         let mut needs = user.needs;
         needs.keeps_order = material.alpha_mode == AlphaMode::Blend;
@@ -160,7 +171,7 @@ fn factors(json: &json::Material, place: &str) -> Result<Material, BakeError> {
     let alpha_mode = match json.alpha_mode {
         Checked::Valid(json::material::AlphaMode::Opaque) => AlphaMode::Opaque,
         Checked::Valid(json::material::AlphaMode::Mask) => {
-            AlphaMode::Mask(limit(json.alpha_cutoff.unwrap_or_default().0, 0.0, EMISSIVE_MAX))
+            AlphaMode::Mask(limit(json.alpha_cutoff.unwrap_or_default().0, 0.0, FACTOR_MAX))
         }
         Checked::Valid(json::material::AlphaMode::Blend) => AlphaMode::Blend,
         Checked::Invalid => {
@@ -173,7 +184,7 @@ fn factors(json: &json::Material, place: &str) -> Result<Material, BakeError> {
     let extensions = json.extensions.as_ref();
     let strength = extensions.and_then(|e| e.emissive_strength.as_ref());
     let strength = strength.map_or(1.0, |strength| strength.emissive_strength.0);
-    let emissive = |value: f32| limit(limit(value, 0.0, 1.0) * strength, 0.0, EMISSIVE_MAX);
+    let emissive = |value: f32| limit(limit(value, 0.0, 1.0) * strength, 0.0, FACTOR_MAX);
     let unit = |value: f32| limit(value, 0.0, 1.0);
     let occlusion = json.occlusion_texture.as_ref();
     let normal = json.normal_texture.as_ref();
@@ -183,7 +194,7 @@ fn factors(json: &json::Material, place: &str) -> Result<Material, BakeError> {
         metallic: unit(pbr.metallic_factor.0),
         roughness: unit(pbr.roughness_factor.0),
         emissive: Vec3::from(json.emissive_factor.0.map(emissive)),
-        normal_scale: normal.map_or(1.0, |n| limit(n.scale, -EMISSIVE_MAX, EMISSIVE_MAX)),
+        normal_scale: normal.map_or(1.0, |n| limit(n.scale, -FACTOR_MAX, FACTOR_MAX)),
         occlusion_strength: occlusion.map_or(1.0, |o| unit(o.strength.0)),
         alpha_mode,
         double_sided: json.double_sided,
@@ -192,20 +203,20 @@ fn factors(json: &json::Material, place: &str) -> Result<Material, BakeError> {
     })
 }
 
-fn limit(value: f32, min: f32, max: f32) -> f32 {
+pub(super) fn limit(value: f32, min: f32, max: f32) -> f32 {
     if value.is_nan() { min } else { value.clamp(min, max) }
 }
 
 /// A material while its textures are looked up.
-struct MaterialContext<'p, 'j, 'a> {
+pub(super) struct MaterialContext<'p, 'j, 'a> {
     palette: &'p mut Palette,
-    job: &'j mut BakeJob<'a>,
-    place: String,
-    needs: VertexRequirements,
+    pub job: &'j mut BakeJob<'a>,
+    pub place: String,
+    pub needs: VertexRequirements,
 }
 
 impl MaterialContext<'_, '_, '_> {
-    fn info(
+    pub(super) fn info(
         &mut self,
         info: &json::texture::Info,
         content: TextureKind,

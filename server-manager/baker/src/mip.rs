@@ -81,10 +81,10 @@ fn halve_bytes(bytes: &[u8], width: usize, height: usize, content: TextureKind) 
         let [r, g, b, a] = [bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]];
         let unit = |byte: u8| f32::from(byte) / 255.0;
         match content {
-            TextureKind::Color | TextureKind::ColorAlpha => {
+            TextureKind::Color | TextureKind::ColorAlpha | TextureKind::Tint => {
                 [linear[r as usize], linear[g as usize], linear[b as usize], unit(a)]
             }
-            TextureKind::Data => [unit(r), unit(g), unit(b), unit(a)],
+            TextureKind::Data | TextureKind::Glossiness(_) => [unit(r), unit(g), unit(b), unit(a)],
             TextureKind::Normal => {
                 [unit(r) * 2.0 - 1.0, unit(g) * 2.0 - 1.0, unit(b) * 2.0 - 1.0, unit(a)]
             }
@@ -161,10 +161,10 @@ impl Level {
 fn bytes_of([r, g, b, a]: [f32; 4], content: TextureKind) -> [u8; 4] {
     let byte = |value: f32| (value * 255.0 + 0.5) as u8;
     match content {
-        TextureKind::Color | TextureKind::ColorAlpha => {
+        TextureKind::Color | TextureKind::ColorAlpha | TextureKind::Tint => {
             [byte(srgb_of_linear(r)), byte(srgb_of_linear(g)), byte(srgb_of_linear(b)), byte(a)]
         }
-        TextureKind::Data => [byte(r), byte(g), byte(b), byte(a)],
+        TextureKind::Data | TextureKind::Glossiness(_) => [byte(r), byte(g), byte(b), byte(a)],
         TextureKind::Normal => {
             let length = (r * r + g * g + b * b).sqrt();
             let flat = [0.0, 0.0, 1.0];

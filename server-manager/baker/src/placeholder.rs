@@ -27,7 +27,8 @@ pub(super) fn picture(content: TextureKind) -> Rgba8Image {
             [grey, grey, grey, 255]
         }
         // No occlusion, as rough as the factor says, no metal.
-        TextureKind::Data => [255, 255, 0, 255],
+        TextureKind::Data | TextureKind::Glossiness(_) => [255, 255, 0, 255],
+        TextureKind::Tint => [255; 4],
         TextureKind::Normal => [128, 128, 255, 255],
     };
     let rows = (0..SIDE).flat_map(|y| (0..SIDE).flat_map(move |x| pixel(x, y)));

@@ -8,6 +8,7 @@ mod exposure;
 mod extras;
 mod image_formats;
 mod levels;
+mod materials;
 mod missing;
 mod numbers;
 mod pose;

@@ -13,7 +13,7 @@ use polyptych_scene::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
 use super::error::BakeError;
 use super::material::{TextureKind, TextureUse};
 use super::mip::{self, Rgba8Image};
-use super::{BakeJob, image_format, ktx2, placeholder, uri};
+use super::{BakeJob, image_format, ktx2, placeholder, specular_glossiness, uri};
 
 /// Longest side of an image that is decoded; it is halved until a driver can hold it.
 const IMAGE_SIDE_MAX: u32 = 16_384;
@@ -98,8 +98,12 @@ pub(super) fn write_all(job: &mut BakeJob<'_>, uses: &[TextureUse]) -> Result<Te
             textures.placeholders.insert(i as u32);
         }
         let format = match used.content {
-            TextureKind::Color | TextureKind::ColorAlpha => TextureFormat::Rgba8Srgb,
-            TextureKind::Data | TextureKind::Normal => TextureFormat::Rgba8Linear,
+            TextureKind::Color | TextureKind::ColorAlpha | TextureKind::Tint => {
+                TextureFormat::Rgba8Srgb
+            }
+            TextureKind::Data | TextureKind::Normal | TextureKind::Glossiness(_) => {
+                TextureFormat::Rgba8Linear
+            }
         };
         let Stored { blob, width, height, mip_count, .. } = made;
         textures.list.push(Texture { blob, format, width, height, mip_count, sampler });
@@ -122,6 +126,14 @@ fn write(
     let place = image.map_or_else(|| "textures".to_owned(), |index| format!("images[{index}]"));
     let is_placeholder = read.is_none();
     let mut picture = read.unwrap_or_else(|| placeholder::picture(content));
+    let content = if let TextureKind::Glossiness(factor) = content {
+        if !is_placeholder {
+            picture = specular_glossiness::roughness_image(picture, factor);
+        }
+        TextureKind::Data
+    } else {
+        content
+    };
     let side = picture.width.max(picture.height);
     if side > TEXTURE_SIDE_MAX {
         let (width, height) = (picture.width, picture.height);

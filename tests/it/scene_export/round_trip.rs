@@ -13,8 +13,8 @@ use polyptych_manager::scene_export;
 use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{
     AlphaMode, AssetManifests, Attribute, Filter, IndexFormat, Instance, Light, LightKind,
-    Material, Mesh, MipFilter, Node, NodeExtras, NodeId, Primitive, Sampler, Scene, SceneEdits,
-    Texture, TextureFormat, TextureRef, Topology, VertexLayout, Wrap,
+    Material, MaterialExtensions, Mesh, MipFilter, Node, NodeExtras, NodeId, Primitive, Sampler,
+    Scene, SceneEdits, Specular, Texture, TextureFormat, TextureRef, Topology, VertexLayout, Wrap,
 };
 
 /// Scenes that are tried.
@@ -110,6 +110,18 @@ fn material(random: &mut Rng, scene: &mut Scene, store: &BlobStore) {
         normal_texture,
         occlusion_texture,
         emissive_texture: lit(random, color),
+        extensions: {
+            let texture = lit(random, color);
+            let specular = Specular {
+                ior: [0.0, 1.0 + unit(random)][random.usize(0..2)],
+                factor: unit(random),
+                color: direction(random).abs() * 3.0,
+                texture,
+                color_texture: lit(random, color),
+            };
+            let extensions = MaterialExtensions { specular: Some(specular) };
+            (!unlit && random.bool()).then(|| Box::new(extensions))
+        },
     };
     scene.materials.push(made);
 }

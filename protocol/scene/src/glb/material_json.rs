@@ -13,23 +13,8 @@ const DECOMPOSED_TOLERANCE: f32 = 1e-5;
 
 /// Returns a material as glTF has it; its textures are indices into the file's own.
 pub fn material_json<W: Write>(of: &Material, file: &mut GlbWriter<W>) -> String {
-    let mut slot = |key: &str, of: Option<TextureRef>, more: &str| {
-        of.map_or_else(String::new, |TextureRef { texture, uv_set, uv_transform }| {
-            let moved = if uv_transform == Affine2::IDENTITY {
-                String::new()
-            } else {
-                let (scale, rotation, offset) = parts(&uv_transform);
-                let name = file.use_extension("KHR_texture_transform");
-                let offset = offset.to_array();
-                let transform = format!(
-                    r#"{{"offset":{offset:?},"rotation":{rotation:?},"scale":{:?}}}"#,
-                    scale.to_array()
-                );
-                format!(r#","extensions":{{"{name}":{transform}}}"#)
-            };
-            format!(r#","{key}":{{"index":{texture},"texCoord":{uv_set}{more}{moved}}}"#)
-        })
-    };
+    let mut slot =
+        |key: &str, of: Option<TextureRef>, more: &str| texture_json(key, of, more, file);
     let base_color = slot("baseColorTexture", of.base_color_texture, "");
     let metallic_roughness = slot("metallicRoughnessTexture", of.metallic_roughness_texture, "");
     let scale = format!(r#","scale":{:?}"#, of.normal_scale);
@@ -75,10 +60,34 @@ pub fn material_json<W: Write>(of: &Material, file: &mut GlbWriter<W>) -> String
         let name = file.use_extension("KHR_materials_emissive_strength");
         extensions.push(format!(r#""{name}":{{"emissiveStrength":{strength:?}}}"#));
     }
+    if let Some(further) = &of.extensions {
+        extensions.extend(super::extension_json::members(further, file));
+    }
     if !extensions.is_empty() {
         let _ = write!(json, r#","extensions":{{{}}}"#, extensions.join(","));
     }
     json + "}"
+}
+
+/// Returns a texture as a member `key`, after a comma, with what `more` says of it; nothing for
+/// none.
+pub(super) fn texture_json<W: Write>(
+    key: &str,
+    of: Option<TextureRef>,
+    more: &str,
+    file: &mut GlbWriter<W>,
+) -> String {
+    let Some(TextureRef { texture, uv_set, uv_transform }) = of else { return String::new() };
+    let mut moved = String::new();
+    if uv_transform != Affine2::IDENTITY {
+        let (scale, rotation, offset) = parts(&uv_transform);
+        let name = file.use_extension("KHR_texture_transform");
+        let (offset, scale) = (offset.to_array(), scale.to_array());
+        let transform =
+            format!(r#"{{"offset":{offset:?},"rotation":{rotation:?},"scale":{scale:?}}}"#);
+        moved = format!(r#","extensions":{{"{name}":{transform}}}"#);
+    }
+    format!(r#","{key}":{{"index":{texture},"texCoord":{uv_set}{more}{moved}}}"#)
 }
 
 /// Scale, rotation in radians and offset of a texture transform (`KHR_texture_transform`: the

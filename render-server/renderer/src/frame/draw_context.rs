@@ -53,7 +53,11 @@ impl DrawContext<'_> {
                 pass.set_pipeline(with);
             }
             if self.has_materials && material.replace(batch.material) != Some(batch.material) {
-                pass.set_bind_group(2, &self.scene.materials[batch.material as usize], &[]);
+                let groups = &self.scene.materials[batch.material as usize];
+                pass.set_bind_group(2, &groups.material, &[]);
+                if let Some(extensions) = &groups.extensions {
+                    pass.set_bind_group(3, extensions, &[]);
+                }
             }
             let shape = &self.scene.geometries[batch.geometry as usize];
             if geometry.replace(batch.geometry) != Some(batch.geometry) {

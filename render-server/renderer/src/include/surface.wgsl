@@ -35,6 +35,8 @@ struct Surface {
     albedo: vec2<f32>,
     // Part of uniform surroundings that the dielectric's layer reflects.
     dielectric: f32,
+    // Of the dielectric: reflectance from the front, and the part of the reflection that is there.
+    reflectance: vec4<f32>, //? specular
 }
 
 // The interpolated tangent and normal are not made unit first: mikktspace bakes for that.
@@ -74,7 +76,8 @@ fn reflect_light(s: Surface, toward: vec3<f32>, irradiance: vec3<f32>) -> vec3<f
     let c = 1.0 - v_dot_h;
     let c2 = c * c;
     let c5 = c2 * c2 * c;
-    let beneath = (1.0 - DIELECTRIC_F0) * (1.0 - c5);
+    let beneath = (1.0 - DIELECTRIC_F0) * (1.0 - c5); //? !specular
+    let beneath = 1.0 - s.reflectance.a * mix(largest(s.reflectance.rgb), 1.0, c5); //? specular
     let brdf = s.diffuse * beneath + (s.f0 + s.rise * c5) * specular;
     return brdf * irradiance * (n_dot_l * (1.0 / PI));
 }
@@ -131,13 +134,19 @@ fn layered(seen: Surface, base: vec3<f32>, metallic: f32) -> Surface {
     let middle = place + 0.5 / ALBEDO_SIDE;
     s.albedo = textureSampleLevel(albedo_table, albedo_sampler, middle, 0.0).rg;
     let lost = 1.0 / s.albedo.x - 1.0;
-    let dielectric = 1.0 + DIELECTRIC_F0 * lost;
+    let dielectric = 1.0 + DIELECTRIC_F0 * lost; //? !specular
     let metal = metallic * (1.0 + base * lost);
     let rest = 1.0 - metallic;
     s.diffuse = base * rest;
-    s.f0 = vec3<f32>(rest * dielectric * DIELECTRIC_F0) + metal * base;
-    s.rise = vec3<f32>(rest * dielectric * (1.0 - DIELECTRIC_F0)) + metal * (1.0 - base);
-    s.dielectric = dielectric * mix(s.albedo.y, s.albedo.x, DIELECTRIC_F0);
+    s.f0 = vec3<f32>(rest * dielectric * DIELECTRIC_F0) + metal * base; //? !specular
+    let rise = rest * dielectric * (1.0 - DIELECTRIC_F0); //? !specular
+    s.rise = vec3<f32>(rise) + metal * (1.0 - base); //? !specular
+    s.dielectric = dielectric * mix(s.albedo.y, s.albedo.x, DIELECTRIC_F0); //? !specular
+    let f0 = s.reflectance.rgb; //? specular
+    let dielectric = s.reflectance.a * (1.0 + f0 * lost); //? specular
+    s.f0 = rest * dielectric * f0 + metal * base; //? specular
+    s.rise = rest * dielectric * (1.0 - f0) + metal * (1.0 - base); //? specular
+    s.dielectric = largest(dielectric * mix(s.albedo.yyy, s.albedo.xxx, f0)); //? specular
     return s;
 }
 
@@ -180,6 +189,8 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     s.facing = dot(s.normal, s.toward_eye);
     s.n_dot_v = clamp(s.facing, 1e-4, 1.0);
     s.alpha_squared = filtered_alpha_squared(roughness, unit(normal_of(v)));
+    let texels = further_texels(v); //? extended
+    s.reflectance = reflectance(texels); //? specular
     s = layered(s, base, metallic);
 
     var light = ambient(s) * occlusion; //? !environment

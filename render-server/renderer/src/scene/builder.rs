@@ -11,7 +11,7 @@ use super::geometry::{self, Geometry};
 use super::layout::SceneLayout;
 use super::meshlet::Meshlets;
 use super::outline::Outline;
-use super::{GpuScene, material, outline, texture};
+use super::{GpuScene, MaterialGroups, material, outline, texture};
 use crate::gpu::Gpu;
 
 /// Why a scene cannot be brought to the GPU.
@@ -243,7 +243,7 @@ pub(super) fn materials(
     gpu: &Gpu,
     layout: &SceneLayout,
     textures: &[wgpu::TextureView],
-) -> Vec<wgpu::BindGroup> {
+) -> Vec<MaterialGroups> {
     let mut known = HashMap::new();
     let mut sampler =
         |desc| known.entry(desc).or_insert_with(|| texture::sampler(gpu, desc)).clone();

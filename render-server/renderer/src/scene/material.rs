@@ -2,8 +2,11 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine2, Vec4};
-use polyptych_scene::{AlphaMode, Highlight, Material, NodeStyle, Scene, Shading, VertexLayout};
+use polyptych_scene::{
+    AlphaMode, Highlight, Material, NodeStyle, Scene, Shading, TextureRef, VertexLayout,
+};
 
+use super::material_extension::{self, ExtensionFeatures};
 use crate::bindings;
 use crate::gpu::Gpu;
 use crate::pipeline::{Alpha, MaterialFeatures, TextureSlot};
@@ -33,12 +36,13 @@ pub(crate) struct UvTransform {
     pub offset: [f32; 4],
 }
 
+pub(super) fn uv_transform(affine: Affine2) -> UvTransform {
+    let (x, y, offset) = (affine.x_axis, affine.y_axis, affine.translation);
+    UvTransform { columns: [x.x, x.y, y.x, y.y], offset: [offset.x, offset.y, 0.0, 0.0] }
+}
+
 impl MaterialUniform {
     fn new(desc: &Material, highlight: Vec4) -> Self {
-        let transform = |affine: Affine2| {
-            let (x, y, offset) = (affine.x_axis, affine.y_axis, affine.translation);
-            UvTransform { columns: [x.x, x.y, y.x, y.y], offset: [offset.x, offset.y, 0.0, 0.0] }
-        };
         let uses = desc.texture_slots();
         Self {
             base_color: desc.base_color.to_array(),
@@ -50,7 +54,7 @@ impl MaterialUniform {
             alpha_cutoff: if let AlphaMode::Mask(cutoff) = desc.alpha_mode { cutoff } else { 0.0 },
             highlight: highlight.to_array(),
             uv_transforms: uses
-                .map(|one| transform(one.map_or(Affine2::IDENTITY, |one| one.uv_transform))),
+                .map(|one| uv_transform(one.map_or(Affine2::IDENTITY, |one| one.uv_transform))),
         }
     }
 }
@@ -93,13 +97,7 @@ impl StyledMaterial {
 /// that the vertices lack are zero, a normal map without tangents is left out.
 pub(crate) fn features(desc: &Material, layout: VertexLayout) -> MaterialFeatures {
     let uses = desc.texture_slots();
-    let slot = |index: usize| {
-        uses[index].map_or(TextureSlot::None, |one| match one.uv_set {
-            0 if layout.uv0 => TextureSlot::Uv0,
-            1 if layout.uv1 => TextureSlot::Uv1,
-            _ => TextureSlot::Corner,
-        })
-    };
+    let slot = |index: usize| slot_of(uses[index], layout);
     let lit = !desc.unlit;
     let only_lit = |slot| if lit { slot } else { TextureSlot::None };
     // glTF packs occlusion and roughness into one image: then one fetch serves both.
@@ -123,17 +121,36 @@ pub(crate) fn features(desc: &Material, layout: VertexLayout) -> MaterialFeature
         glowing: lit && desc.emissive.max_element() > 0.0,
         uv_transformed: uses.iter().flatten().any(|one| one.uv_transform != Affine2::IDENTITY),
         highlighted: false,
+        extensions: ExtensionFeatures::new(desc, layout),
     }
 }
 
-/// Bind group 2 of every material, the default material, and these as styles draw them.
+/// Where the coordinates of a texture come from, in a primitive with this layout.
+pub(super) fn slot_of(used: Option<TextureRef>, layout: VertexLayout) -> TextureSlot {
+    used.map_or(TextureSlot::None, |one| match one.uv_set {
+        0 if layout.uv0 => TextureSlot::Uv0,
+        1 if layout.uv1 => TextureSlot::Uv1,
+        _ => TextureSlot::Corner,
+    })
+}
+
+/// The bind groups of a material.
+#[derive(Debug)]
+pub(crate) struct MaterialGroups {
+    /// Group 2.
+    pub material: wgpu::BindGroup,
+    /// Group 3, of one that has extensions.
+    pub extensions: Option<wgpu::BindGroup>,
+}
+
+/// The bind groups of every material, the default material, and these as styles draw them.
 pub(crate) fn bind_groups(
     gpu: &Gpu,
     desc: &Scene,
     styled: &[StyledMaterial],
     views: &[wgpu::TextureView],
     samplers: &[wgpu::Sampler],
-) -> Vec<wgpu::BindGroup> {
+) -> Vec<MaterialGroups> {
     let default = Material::default();
     let described = || desc.materials.iter().chain([&default]);
     let plain = described().map(|material| (material.clone(), Vec4::ZERO));
@@ -182,5 +199,9 @@ pub(crate) fn bind_groups(
             entries: &entries,
         })
     };
-    materials.iter().enumerate().map(group).collect()
+    let extended: Vec<&Material> = materials.iter().map(|(material, _)| material).collect();
+    let extensions = material_extension::bind_groups(gpu, &extended, views, samplers);
+    let groups = materials.iter().enumerate().map(group);
+    let groups = groups.zip(extensions);
+    groups.map(|(material, extensions)| MaterialGroups { material, extensions }).collect()
 }

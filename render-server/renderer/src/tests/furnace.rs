@@ -16,9 +16,9 @@ use crate::{Environment, ImageEncoding, Renderer, Target, ViewDesc, read_pixels}
 const F0: f64 = 0.04;
 
 /// Radiance at which measured surfaces are kept: the tone mapper only shifts it.
-const MIDDLE: f64 = 0.4;
+pub(super) const MIDDLE: f64 = 0.4;
 
-fn material(base: f64, metallic: f64, roughness: f64) -> Material {
+pub(super) fn material(base: f64, metallic: f64, roughness: f64) -> Material {
     Material {
         base_color: Vec3::splat(base as f32).extend(1.0),
         metallic: metallic as f32,
@@ -28,7 +28,7 @@ fn material(base: f64, metallic: f64, roughness: f64) -> Material {
 }
 
 /// The direction of an angle from +z, whose cosine is given, towards +x.
-fn aslant(cos: f64) -> DVec3 {
+pub(super) fn aslant(cos: f64) -> DVec3 {
     DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos)
 }
 
@@ -45,12 +45,12 @@ fn shine(stage: &mut SceneFixture, toward: DVec3, irradiance: f64) {
 
 /// Radiance of a plate that faces +z, in one pixel, seen at an angle of this cosine. It hangs in
 /// uniform surroundings, under lights given by the direction towards them and their irradiance.
-fn radiance(material: Material, mu: f64, around: f64, lights: &[(DVec3, f64)]) -> f64 {
+pub(super) fn radiance(material: Material, mu: f64, around: f64, lights: &[(DVec3, f64)]) -> f64 {
     radiance_in(material, mu, (around, None), lights)
 }
 
 /// The same in these surroundings, if given.
-fn radiance_in(
+pub(super) fn radiance_in(
     material: Material,
     mu: f64,
     (around, environment): (f64, Option<Arc<Environment>>),
@@ -137,7 +137,7 @@ fn surroundings_are_reflected_as_much_as_the_integral_says() {
 
 /// Lights around a plate that stand for a radiance of `around` from everywhere, close where the
 /// plate mirrors: facets are spaced by GGX, and light comes from where they mirror the eye.
-fn furnace_of_lights(mu: f64, roughness: f64, around: f64) -> Vec<(DVec3, f64)> {
+pub(super) fn furnace_of_lights(mu: f64, roughness: f64, around: f64) -> Vec<(DVec3, f64)> {
     const STEPS: usize = 64;
     let alpha2 = roughness.powi(4);
     let eye = aslant(mu);

@@ -9,8 +9,8 @@ use crate::environment::EnvironmentUniform;
 use crate::pass::background::{self, BackgroundUniform};
 use crate::pass::correct::{CellRecord, CorrectionUniform, EyeRecord, PlaneRecord};
 use crate::pass::{occluder, opaque, shadow, transparent};
-use crate::scene::MaterialUniform;
-use crate::shader::{Interface, depth, screen, surface, surroundings};
+use crate::scene::{ExtensionUniform, MaterialUniform};
+use crate::shader::{ExtensionSet, Interface, depth, screen, surface, surroundings};
 use crate::shadow_uniform::{CascadeRecord, ShadowUniform, SunShadowRecord};
 use crate::view::{DirectionalLightRecord, FrameUniform, LocalLightRecord};
 
@@ -32,7 +32,16 @@ fn interfaces() -> impl Iterator<Item = Interface> {
         let bit = |at: u32| bits >> at & 1 == 1;
         let attributes = VertexLayout { tangent: bit(0), uv0: bit(1), uv1: bit(2), color: bit(3) };
         let (shadows, environment) = (bit(6), bit(7));
-        Interface { attributes, lit: bit(4), lamps: bit(5), shadows, environment }
+        let extensions = ExtensionSet::default();
+        Interface { attributes, lit: bit(4), lamps: bit(5), shadows, environment, extensions }
+    })
+}
+
+/// All sets of extensions.
+fn extension_sets() -> impl Iterator<Item = ExtensionSet> {
+    (0..2u32).map(|bits| {
+        let bit = |at: u32| bits >> at & 1 == 1;
+        ExtensionSet { specular: bit(0) }
     })
 }
 
@@ -43,6 +52,23 @@ fn every_shader_validates() {
         module("transparent", &surface(interface, transparent::SOURCE));
         module("occluder/vertices", &surface(interface, ""));
         module("shadow", &surface(interface, shadow::SOURCE));
+    }
+    for extensions in extension_sets() {
+        for bits in 0..4 {
+            let (lamps, environment) = (bits & 1 == 1, bits & 2 == 2);
+            let attributes = VertexLayout { tangent: true, uv0: true, ..VertexLayout::default() };
+            let with = Interface {
+                attributes,
+                lit: true,
+                lamps,
+                environment,
+                extensions,
+                ..Interface::default()
+            };
+            module("opaque", &surface(with, opaque::SOURCE));
+            module("transparent", &surface(with, transparent::SOURCE));
+            module("shadow", &surface(with, shadow::SOURCE));
+        }
     }
     module("background", &surroundings(background::SOURCE));
     module("tonemap", &screen(include_str!("../pass/tonemap.wgsl")));
@@ -58,7 +84,9 @@ fn every_shader_validates() {
 
 #[test]
 fn uniforms_match_their_twins() {
-    let interface = Interface { lit: true, lamps: true, shadows: true, ..Interface::default() };
+    let extensions = extension_sets().last().unwrap_or_default();
+    let interface =
+        Interface { lit: true, lamps: true, shadows: true, extensions, ..Interface::default() };
     let opaque = module("opaque", &surface(interface, opaque::SOURCE));
     let correct = module("correct", include_str!("../pass/correct.wgsl"));
     let behind = module("background", &surroundings(background::SOURCE));
@@ -127,4 +155,5 @@ fn uniforms_match_their_twins() {
         highlight,
         uv_transforms
     );
+    twin!("Extension", ExtensionUniform, uv_transforms, specular);
 }

@@ -1,0 +1,37 @@
+//! Extensions of materials in glTF's terms.
+
+use std::io::Write;
+
+use super::GlbWriter;
+use super::material_json::texture_json;
+use crate::{MaterialExtensions, Specular};
+
+/// Returns the extensions as members of a material's `extensions`.
+pub(super) fn members<W: Write>(of: &MaterialExtensions, file: &mut GlbWriter<W>) -> Vec<String> {
+    let mut members = Vec::new();
+    if let Some(specular) = &of.specular {
+        members.extend(specular_members(specular, file));
+    }
+    members
+}
+
+fn specular_members<W: Write>(of: &Specular, file: &mut GlbWriter<W>) -> Vec<String> {
+    let mut members = Vec::new();
+    let plain = Specular { ior: of.ior, ..Specular::default() };
+    if of.ior != Specular::IOR_DEFAULT || *of == plain {
+        let name = file.use_extension("KHR_materials_ior");
+        members.push(format!(r#""{name}":{{"ior":{:?}}}"#, of.ior));
+    }
+    if *of != plain {
+        let part = texture_json("specularTexture", of.texture, "", file);
+        let color = texture_json("specularColorTexture", of.color_texture, "", file);
+        let name = file.use_extension("KHR_materials_specular");
+        let factors = format!(
+            r#""specularFactor":{:?},"specularColorFactor":{:?}"#,
+            of.factor,
+            of.color.to_array()
+        );
+        members.push(format!(r#""{name}":{{{factors}{part}{color}}}"#));
+    }
+    members
+}

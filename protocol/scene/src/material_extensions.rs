@@ -1,0 +1,104 @@
+//! What glTF's extensions add to the metallic-roughness model.
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use super::TextureRef;
+
+/// Textures of extensions that a material can have beside its own five: those of one image with
+/// one set of coordinates and one transform count once. Shaders can read 16 textures together by
+/// the default limits of wgpu; the rest are those of the frame and of the material itself.
+pub const EXTENSION_TEXTURES_MAX: usize = 5;
+
+/// Slots of textures that all extensions together have.
+pub const EXTENSION_SLOTS: usize = 2;
+
+/// The extensions of a material. Factors multiply the textures; all are linear.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct MaterialExtensions {
+    /// The reflection of what is not metal.
+    pub specular: Option<Specular>,
+}
+
+/// `KHR_materials_ior` and `KHR_materials_specular`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Specular {
+    /// Index of refraction: 1 or more; 0 for one without end, so that the colour alone says what
+    /// is reflected.
+    pub ior: f32,
+    /// Part of the reflection that is there: 0 to 1.
+    pub factor: f32,
+    /// Linear RGB that tints what is reflected from the front; may be larger than 1.
+    pub color: Vec3,
+    /// The part in A.
+    pub texture: Option<TextureRef>,
+    /// sRGB.
+    pub color_texture: Option<TextureRef>,
+}
+
+impl Default for Specular {
+    fn default() -> Self {
+        let (texture, color_texture) = (None, None);
+        Self { ior: Self::IOR_DEFAULT, factor: 1.0, color: Vec3::ONE, texture, color_texture }
+    }
+}
+
+impl Specular {
+    /// The index of refraction of a material without the extension.
+    pub const IOR_DEFAULT: f32 = 1.5;
+
+    /// Returns the reflectance from the front that the index of refraction alone makes.
+    pub fn reflectance(&self) -> f32 {
+        let ratio = (self.ior - 1.0) / (self.ior + 1.0);
+        ratio * ratio
+    }
+}
+
+impl MaterialExtensions {
+    /// Returns its textures in the order in which shaders name them: the part of the reflection,
+    /// its colour.
+    pub fn texture_slots(&self) -> [Option<TextureRef>; EXTENSION_SLOTS] {
+        let specular = self.specular.as_ref();
+        [specular.and_then(|of| of.texture), specular.and_then(|of| of.color_texture)]
+    }
+
+    /// The slots of those extensions that it has, to change them, in the same order.
+    pub fn slots_mut(&mut self) -> impl Iterator<Item = &mut Option<TextureRef>> {
+        let specular = self.specular.iter_mut();
+        specular.flat_map(|of| [&mut of.texture, &mut of.color_texture])
+    }
+
+    /// Returns its different textures, in the order of the slots. Shaders read no more than the
+    /// first [`EXTENSION_TEXTURES_MAX`].
+    pub fn distinct_textures(&self) -> Vec<TextureRef> {
+        let mut distinct = Vec::new();
+        for texture in self.texture_slots().into_iter().flatten() {
+            if !distinct.contains(&texture) {
+                distinct.push(texture);
+            }
+        }
+        distinct
+    }
+
+    /// Returns what is wrong with its numbers, if anything.
+    pub fn fault(&self) -> Option<String> {
+        self.specular.as_ref().and_then(specular_fault)
+    }
+}
+
+fn specular_fault(of: &Specular) -> Option<String> {
+    let is_index = of.ior == 0.0 || (of.ior >= 1.0 && of.ior.is_finite());
+    let ior = (!is_index).then(|| format!("specular.ior is 0, or 1 or more, not {}", of.ior));
+    let color = || color_fault("specular.color", of.color);
+    ior.or_else(color).or_else(|| share_fault("specular.factor", of.factor))
+}
+
+fn share_fault(what: &str, value: f32) -> Option<String> {
+    let is_share = (0.0..=1.0).contains(&value);
+    (!is_share).then(|| format!("{what} is 0 to 1, not {value}"))
+}
+
+fn color_fault(what: &str, color: Vec3) -> Option<String> {
+    let is_color = color.is_finite() && color.min_element() >= 0.0;
+    (!is_color).then(|| format!("{what} is 0 or more in all three, not {color}"))
+}

@@ -1,0 +1,76 @@
+// Group 3: what extensions of glTF add to a material. Their textures may hold several things each.
+
+struct Extension {
+    uv_transforms: array<UvTransform, 5>,
+    // Reflectance from the front, and the part of the reflection that is there.
+    specular: vec4<f32>,
+}
+
+@group(3) @binding(0) var<uniform> extension: Extension;
+@group(3) @binding(1) var further_texture_1: texture_2d<f32>;
+@group(3) @binding(2) var further_texture_2: texture_2d<f32>;
+@group(3) @binding(3) var further_texture_3: texture_2d<f32>;
+@group(3) @binding(4) var further_texture_4: texture_2d<f32>;
+@group(3) @binding(5) var further_texture_5: texture_2d<f32>;
+@group(3) @binding(6) var further_sampler_1: sampler;
+@group(3) @binding(7) var further_sampler_2: sampler;
+@group(3) @binding(8) var further_sampler_3: sampler;
+@group(3) @binding(9) var further_sampler_4: sampler;
+@group(3) @binding(10) var further_sampler_5: sampler;
+
+// The coordinates of each texture, as those of `BASE_COLOR`.
+override FURTHER_1: u32 = 0u;
+override FURTHER_2: u32 = 0u;
+override FURTHER_3: u32 = 0u;
+override FURTHER_4: u32 = 0u;
+override FURTHER_5: u32 = 0u;
+
+// The texture in which each factor has its texels, from 1; 0 none.
+override SPECULAR: u32 = 0u; //? specular
+override SPECULAR_COLOR: u32 = 0u; //? specular
+
+fn further_coordinates(v: Varyings, slot: u32, which: u32) -> vec2<f32> {
+    var uv = vec2<f32>(0.0);
+    if slot == 1u { uv = uv0_of(v); }
+    if slot == 2u { uv = uv1_of(v); }
+    let transform = extension.uv_transforms[which];
+    return transform.columns.xy * uv.x + transform.columns.zw * uv.y + transform.offset.xy;
+}
+
+// The texels of all textures; 1 for none, which stands first.
+fn further_texels(v: Varyings) -> array<vec4<f32>, 6> {
+    var texels: array<vec4<f32>, 6>;
+    texels[0] = vec4<f32>(1.0);
+    if FURTHER_1 != 0u {
+        let uv = further_coordinates(v, FURTHER_1, 0u);
+        texels[1] = textureSample(further_texture_1, further_sampler_1, uv);
+    }
+    if FURTHER_2 != 0u {
+        let uv = further_coordinates(v, FURTHER_2, 1u);
+        texels[2] = textureSample(further_texture_2, further_sampler_2, uv);
+    }
+    if FURTHER_3 != 0u {
+        let uv = further_coordinates(v, FURTHER_3, 2u);
+        texels[3] = textureSample(further_texture_3, further_sampler_3, uv);
+    }
+    if FURTHER_4 != 0u {
+        let uv = further_coordinates(v, FURTHER_4, 3u);
+        texels[4] = textureSample(further_texture_4, further_sampler_4, uv);
+    }
+    if FURTHER_5 != 0u {
+        let uv = further_coordinates(v, FURTHER_5, 4u);
+        texels[5] = textureSample(further_texture_5, further_sampler_5, uv);
+    }
+    return texels;
+}
+
+fn largest(color: vec3<f32>) -> f32 {
+    return max(color.r, max(color.g, color.b));
+}
+
+// KHR_materials_ior and KHR_materials_specular: `Surface::reflectance`.
+fn reflectance(texels: array<vec4<f32>, 6>) -> vec4<f32> { //? specular
+    let color = extension.specular.rgb * texels[SPECULAR_COLOR].rgb; //? specular
+    let part = extension.specular.a * texels[SPECULAR].a; //? specular
+    return vec4<f32>(min(color, vec3<f32>(1.0)), part); //? specular
+} //? specular

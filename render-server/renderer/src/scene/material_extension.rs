@@ -1,0 +1,125 @@
+//! What extensions of glTF add to a material on the GPU: bind group 3.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Affine2;
+use polyptych_scene::{
+    EXTENSION_SLOTS, EXTENSION_TEXTURES_MAX, Material, MaterialExtensions, VertexLayout,
+};
+
+use super::material::{UvTransform, slot_of, uv_transform};
+use crate::bindings;
+use crate::gpu::Gpu;
+use crate::pipeline::TextureSlot;
+use crate::shader::ExtensionSet;
+
+/// Twin of `Extension` in `include/extension.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(crate) struct ExtensionUniform {
+    /// Of the textures, in the order of the bindings.
+    pub uv_transforms: [UvTransform; EXTENSION_TEXTURES_MAX],
+    /// Reflectance from the front, and its part that is there.
+    pub specular: [f32; 4],
+}
+
+impl ExtensionUniform {
+    fn new(of: &MaterialExtensions) -> Self {
+        let distinct = of.distinct_textures();
+        let transform =
+            |at: usize| distinct.get(at).map_or(Affine2::IDENTITY, |one| one.uv_transform);
+        let specular = of.specular.clone().unwrap_or_default();
+        Self {
+            uv_transforms: std::array::from_fn(|at| uv_transform(transform(at))),
+            specular: (specular.color * specular.reflectance()).extend(specular.factor).to_array(),
+        }
+    }
+}
+
+/// What a material's extensions ask of its pipeline.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct ExtensionFeatures {
+    pub set: ExtensionSet,
+    /// For each slot of [`MaterialExtensions::texture_slots`] the binding of its texture, from 1;
+    /// 0 for none.
+    pub places: [u8; EXTENSION_SLOTS],
+    /// The coordinates of each binding.
+    pub coordinates: [TextureSlot; EXTENSION_TEXTURES_MAX],
+}
+
+impl ExtensionFeatures {
+    /// Those of a material; none of one that takes no light.
+    pub fn new(desc: &Material, layout: VertexLayout) -> Self {
+        let Some(of) = desc.extensions.as_deref().filter(|_| !desc.unlit) else {
+            return Self::default();
+        };
+        let mut distinct = of.distinct_textures();
+        distinct.truncate(EXTENSION_TEXTURES_MAX);
+        let place = |slot| distinct.iter().position(|one| Some(*one) == slot);
+        Self {
+            set: ExtensionSet { specular: of.specular.is_some() },
+            places: of.texture_slots().map(|slot| place(slot).map_or(0, |at| at as u8 + 1)),
+            coordinates: std::array::from_fn(|at| slot_of(distinct.get(at).copied(), layout)),
+        }
+    }
+
+    /// The constants of its shader.
+    pub fn constants(&self) -> Vec<(&'static str, f64)> {
+        const COORDINATES: [&str; EXTENSION_TEXTURES_MAX] =
+            ["FURTHER_1", "FURTHER_2", "FURTHER_3", "FURTHER_4", "FURTHER_5"];
+        const PLACES: [&str; EXTENSION_SLOTS] = ["SPECULAR", "SPECULAR_COLOR"];
+        if self.set.is_empty() {
+            return Vec::new();
+        }
+        let coordinates = self.coordinates.map(|slot| f64::from(slot as u8));
+        let has = [self.set.specular; EXTENSION_SLOTS];
+        let places = PLACES.into_iter().zip(self.places.map(f64::from));
+        let places = places.zip(has).filter_map(|(place, is_there)| is_there.then_some(place));
+        COORDINATES.into_iter().zip(coordinates).chain(places).collect()
+    }
+}
+
+/// Bind group 3 of each material that has extensions.
+pub(super) fn bind_groups(
+    gpu: &Gpu,
+    materials: &[&Material],
+    views: &[wgpu::TextureView],
+    samplers: &[wgpu::Sampler],
+) -> Vec<Option<wgpu::BindGroup>> {
+    let extended = |of: &&Material| of.extensions.is_some() && !of.unlit;
+    if !materials.iter().any(extended) {
+        return vec![None; materials.len()];
+    }
+    let layout = bindings::extension_layout(&gpu.device);
+    let (empty_view, empty_sampler) = (views.len() - 1, samplers.len() - 1);
+    let group = |of: &MaterialExtensions| {
+        let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("extension/uniforms"),
+            size: size_of::<ExtensionUniform>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        gpu.queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&ExtensionUniform::new(of)));
+        let distinct = of.distinct_textures();
+        let at =
+            |one: usize, empty: usize| distinct.get(one).map_or(empty, |of| of.texture as usize);
+        let mut entries =
+            vec![wgpu::BindGroupEntry { binding: 0, resource: buffer.as_entire_binding() }];
+        for place in 0..EXTENSION_TEXTURES_MAX {
+            entries.push(wgpu::BindGroupEntry {
+                binding: 1 + place as u32,
+                resource: wgpu::BindingResource::TextureView(&views[at(place, empty_view)]),
+            });
+            entries.push(wgpu::BindGroupEntry {
+                binding: (1 + EXTENSION_TEXTURES_MAX + place) as u32,
+                resource: wgpu::BindingResource::Sampler(&samplers[at(place, empty_sampler)]),
+            });
+        }
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("extension/group"),
+            layout: &layout,
+            entries: &entries,
+        })
+    };
+    let of = |one: &&Material| one.extensions.as_deref().filter(|_| !one.unlit).map(group);
+    materials.iter().map(of).collect()
+}

@@ -1,0 +1,117 @@
+//! Extensions of materials.
+
+use glam::Vec3;
+use gltf::json;
+use polyptych_scene::{EXTENSION_TEXTURES_MAX, MaterialExtensions, Specular};
+use serde::Deserialize;
+
+use super::error::BakeError;
+use super::json::JsonError;
+use super::material::{FACTOR_MAX, MaterialContext, TextureKind, limit};
+
+/// `KHR_materials_ior`.
+#[derive(Deserialize)]
+#[serde(default)]
+struct IorJson {
+    ior: f32,
+}
+
+impl Default for IorJson {
+    fn default() -> Self {
+        Self { ior: Specular::IOR_DEFAULT }
+    }
+}
+
+/// `KHR_materials_specular`.
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+struct SpecularJson {
+    specular_factor: f32,
+    specular_texture: Option<json::texture::Info>,
+    specular_color_factor: [f32; 3],
+    specular_color_texture: Option<json::texture::Info>,
+}
+
+impl Default for SpecularJson {
+    fn default() -> Self {
+        let (specular_texture, specular_color_texture) = (None, None);
+        let (specular_factor, specular_color_factor) = (1.0, [1.0; 3]);
+        Self { specular_factor, specular_texture, specular_color_factor, specular_color_texture }
+    }
+}
+
+impl MaterialContext<'_, '_, '_> {
+    /// Reads an extension of the material; `None` where it has none.
+    pub(super) fn extension<T: for<'de> Deserialize<'de>>(
+        &self,
+        json: &json::Material,
+        name: &str,
+    ) -> Result<Option<T>, BakeError> {
+        let value = json.extensions.as_ref().and_then(|extensions| extensions.others.get(name));
+        let read = value.map(super::json::from_value).transpose();
+        read.map_err(|JsonError { path, error }| {
+            let dot = if path.is_empty() { "" } else { "." };
+            let place = format!("{}.extensions.{name}{dot}{path}", self.place);
+            BakeError::at(
+                place,
+                error.to_string(),
+                "what the extension's schema has would be right",
+            )
+        })
+    }
+
+    /// Reads all extensions that add something to the material; `None` where nothing of them can
+    /// be seen. Textures that shaders cannot hold are left out, with a note. `converted` stands for
+    /// the extensions of its reflection, if given.
+    pub(super) fn extensions(
+        &mut self,
+        json: &json::Material,
+        converted: Option<Specular>,
+    ) -> Result<Option<Box<MaterialExtensions>>, BakeError> {
+        let specular = converted.map_or_else(|| self.specular(json), |of| Ok(Some(of)))?;
+        let mut made = MaterialExtensions { specular };
+        self.leave_out_textures(&mut made);
+        let is_plain = made == MaterialExtensions::default();
+        Ok((!is_plain).then(|| Box::new(made)))
+    }
+
+    pub(super) fn leave_out_textures(&mut self, of: &mut MaterialExtensions) {
+        let distinct = of.distinct_textures();
+        let Some(further) = distinct.get(EXTENSION_TEXTURES_MAX..).filter(|of| !of.is_empty())
+        else {
+            return;
+        };
+        for slot in of.slots_mut() {
+            *slot = slot.take().filter(|used| !further.contains(used));
+        }
+        let place = &self.place;
+        self.job.warn(&format!(
+            "{place}: drawn without some textures of extensions, which are more than \
+             {EXTENSION_TEXTURES_MAX}; join them in the channels of fewer images"
+        ));
+    }
+
+    pub(super) fn optional(
+        &mut self,
+        info: Option<&json::texture::Info>,
+        content: TextureKind,
+    ) -> Result<Option<polyptych_scene::TextureRef>, BakeError> {
+        info.map_or(Ok(None), |info| self.info(info, content))
+    }
+
+    /// An index of refraction below 1, which glTF forbids but for 0, becomes 1.
+    fn specular(&mut self, json: &json::Material) -> Result<Option<Specular>, BakeError> {
+        let ior = self.extension::<IorJson>(json, "KHR_materials_ior")?.unwrap_or_default().ior;
+        let read = self.extension::<SpecularJson>(json, "KHR_materials_specular")?;
+        let read = read.unwrap_or_default();
+        let made = Specular {
+            ior: if ior == 0.0 { 0.0 } else { limit(ior, 1.0, FACTOR_MAX) },
+            factor: limit(read.specular_factor, 0.0, 1.0),
+            color: Vec3::from(read.specular_color_factor.map(|of| limit(of, 0.0, FACTOR_MAX))),
+            texture: self.optional(read.specular_texture.as_ref(), TextureKind::Tint)?,
+            color_texture: self
+                .optional(read.specular_color_texture.as_ref(), TextureKind::Tint)?,
+        };
+        Ok((made != Specular::default()).then_some(made))
+    }
+}

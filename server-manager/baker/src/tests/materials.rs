@@ -1,0 +1,149 @@
+//! Extensions of materials, as they are read.
+
+use glam::{Vec3, Vec4};
+use polyptych_scene::{Scene, Specular, TextureFormat};
+use serde_json::{Value, json};
+
+use super::builder::{Builder, png};
+use super::{BakeFixture, bake_builder};
+
+/// A quad with one material.
+fn quad(material: Value) -> Builder {
+    let mut builder = Builder::quad();
+    builder.json["materials"] = json!([material]);
+    builder.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    builder
+}
+
+fn refusal(builder: &Builder) -> String {
+    let place = BakeFixture::new();
+    let path = place.write("scene.glb", &builder.glb());
+    place.bake(&path).expect_err("refused").to_string()
+}
+
+fn specular(scene: &Scene) -> Option<Specular> {
+    scene.materials[0].extensions.as_ref()?.specular.clone()
+}
+
+#[test]
+fn index_of_refraction_and_specular_are_read_and_brought_to_their_range() {
+    for (extensions, wanted) in [
+        (json!({}), None),
+        (json!({ "KHR_materials_ior": { "ior": 1.5 } }), None),
+        (json!({ "KHR_materials_specular": { "specularColorFactor": [1, 1, 1] } }), None),
+        (json!({ "KHR_materials_ior": { "ior": 1.33 } }), Some((1.33, 1.0, Vec3::ONE))),
+        (json!({ "KHR_materials_ior": { "ior": 0 } }), Some((0.0, 1.0, Vec3::ONE))),
+        (json!({ "KHR_materials_ior": { "ior": -7 } }), Some((1.0, 1.0, Vec3::ONE))),
+        (
+            json!({ "KHR_materials_specular": {
+                "specularFactor": 1e300, "specularColorFactor": [0.5, -1, 1e39] } }),
+            Some((1.5, 1.0, Vec3::new(0.5, 0.0, 65504.0))),
+        ),
+    ] {
+        let name = extensions.to_string();
+        let (_place, baked, scene) = bake_builder(&quad(json!({ "extensions": extensions })));
+        let got = specular(&scene).map(|of| (of.ior, of.factor, of.color));
+        assert_eq!(got, wanted, "{name}");
+        assert!(baked.warnings.is_empty(), "{name}: {:?}", baked.warnings);
+    }
+}
+
+#[test]
+fn numbers_of_a_wrong_kind_are_refused_with_their_place() {
+    for (name, value, part) in [
+        ("KHR_materials_ior", json!({ "ior": "glass" }), "KHR_materials_ior.ior"),
+        (
+            "KHR_materials_specular",
+            json!({ "specularColorFactor": [1, 1] }),
+            "KHR_materials_specular.specularColorFactor",
+        ),
+        ("KHR_materials_pbrSpecularGlossiness", json!(3), "KHR_materials_pbrSpecularGlossiness"),
+    ] {
+        let message = refusal(&quad(json!({ "extensions": { name: value } })));
+        assert!(message.contains(&format!("materials[0].extensions.{part}")), "{message}");
+    }
+    let missing = json!({ "KHR_materials_specular": { "specularTexture": { "index": 9 } } });
+    let message = refusal(&quad(json!({ "extensions": missing })));
+    assert!(message.contains("materials[0]"), "{message}");
+}
+
+#[test]
+fn textures_of_extensions_are_baked_and_one_image_of_two_uses_once() {
+    let mut builder = quad(json!({
+        "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } },
+        "extensions": { "KHR_materials_specular": {
+            "specularTexture": { "index": 0 }, "specularColorTexture": { "index": 0 } } },
+    }));
+    builder.image(&png(4, 4, |x, y| [x as u8, y as u8, 9, 200]));
+    let (_place, _, scene) = bake_builder(&builder);
+    let specular = specular(&scene).expect("there");
+    assert_eq!(specular.texture, specular.color_texture);
+    assert_eq!(scene.textures.len(), 2, "the base colour has no use of alpha");
+    assert!(scene.textures.iter().all(|of| of.format == TextureFormat::Rgba8Srgb));
+}
+
+#[test]
+fn a_missing_image_of_an_extension_changes_nothing() {
+    let mut builder = quad(json!({ "extensions": { "KHR_materials_specular": {
+        "specularFactor": 0.5, "specularTexture": { "index": 0 } } } }));
+    builder.image(b"");
+    let (place, baked, scene) = bake_builder(&builder);
+    assert!(baked.warnings[0].contains("a placeholder is shown"), "{:?}", baked.warnings);
+    let bytes = place.store.blobs().read(scene.textures[0].blob).expect("read").expect("there");
+    assert!(bytes.iter().all(|byte| *byte == 255), "white and whole");
+}
+
+#[test]
+fn specular_glossiness_becomes_a_dielectric_of_the_same_reflection() {
+    let (_place, baked, scene) = bake_builder(&quad(json!({
+        "pbrMetallicRoughness": { "baseColorFactor": [1, 0, 0, 1], "metallicFactor": 1 },
+        "extensions": { "KHR_materials_pbrSpecularGlossiness": {
+            "diffuseFactor": [0.25, 0.5, 0.75, 0.5], "specularFactor": [0.9, 0.5, 0.1],
+            "glossinessFactor": 0.75 } },
+    })));
+    assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+    let material = &scene.materials[0];
+    assert_eq!(material.base_color, Vec4::new(0.25, 0.5, 0.75, 0.5));
+    assert_eq!((material.metallic, material.roughness), (0.0, 0.25));
+    let specular = specular(&scene).expect("there");
+    assert_eq!((specular.ior, specular.factor), (0.0, 1.0));
+    assert_eq!(specular.color, Vec3::new(0.9, 0.5, 0.1));
+}
+
+#[test]
+fn textures_of_specular_glossiness_may_differ_in_size_and_in_transform() {
+    let moved = json!({ "KHR_texture_transform": { "scale": [2, 2] } });
+    let mut builder = quad(json!({
+        "pbrMetallicRoughness": { "baseColorTexture": { "index": 1 } },
+        "extensions": { "KHR_materials_pbrSpecularGlossiness": {
+            "glossinessFactor": 0.5, "diffuseTexture": { "index": 0 },
+            "specularGlossinessTexture": { "index": 1, "extensions": moved } } },
+    }));
+    builder.image(&png(2, 2, |_, _| [10, 20, 30, 255]));
+    builder.image(&png(8, 4, |x, _| [200, 100, 50, if x < 4 { 255 } else { 51 }]));
+    let (place, _, scene) = bake_builder(&builder);
+    let material = &scene.materials[0];
+    let blob_of = |at: u32| scene.textures[at as usize].blob;
+    let pixels = |at: u32| place.store.blobs().read(blob_of(at)).expect("read").expect("there");
+    let color = material.base_color_texture.expect("a colour");
+    assert_eq!(pixels(color.texture)[..4], [10, 20, 30, 255]);
+    let rough = material.metallic_roughness_texture.expect("a roughness");
+    let tint = specular(&scene).expect("there").color_texture.expect("a tint");
+    assert_eq!(rough.uv_transform, tint.uv_transform);
+    assert_ne!(rough.uv_transform, color.uv_transform);
+    assert_eq!(scene.textures[rough.texture as usize].format, TextureFormat::Rgba8Linear);
+    // 1 - 0.5 · 1 and 1 - 0.5 · 0.2.
+    let rows = pixels(rough.texture);
+    assert_eq!((rows[1], rows[2], rows[7 * 4 + 1]), (128, 0, 230));
+    assert_eq!((material.roughness, material.metallic), (1.0, 0.0));
+    assert_eq!(scene.textures.len(), 3, "the image that is not used is not baked");
+}
+
+#[test]
+fn what_is_unlit_has_the_base_colour_alone() {
+    let mut builder = quad(json!({
+        "extensions": { "KHR_materials_unlit": {}, "KHR_materials_ior": { "ior": 2 } } }));
+    builder.json["extensionsUsed"] = json!(["KHR_materials_unlit"]);
+    let (_place, _, scene) = bake_builder(&builder);
+    assert!(scene.materials[0].extensions.is_none());
+}
