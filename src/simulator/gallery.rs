@@ -26,10 +26,7 @@ pub(crate) use sheet::Sheet;
 /// Samples per pixel of the pictures.
 const SAMPLES: u32 = 4;
 
-/// Frames that are drawn before those that are timed: the first ones fill caches.
-const WARM_UP_FRAMES: usize = 1;
-
-/// Frames of which the median is the time of a model.
+/// Frames of which the median is the time of a model, after one that fills caches.
 const TIMED_FRAMES: usize = 3;
 
 /// Maximum number of folders within each other that are searched.
@@ -174,7 +171,7 @@ impl Gallery {
         let bounds = summary.bounds.as_ref();
         let camera = bounds.map(|bounds| fit_bounds(&self.wall, bounds, orbit::HEADING_RAD));
         let mut times_ms = Vec::with_capacity(TIMED_FRAMES);
-        for frame in 0..WARM_UP_FRAMES + TIMED_FRAMES {
+        for frame in 0..=TIMED_FRAMES {
             let began = Instant::now();
             let drawn = local.client.render_frame_at(camera, Some(self.time_s));
             let feedback = drawn.map_err(Failure::of)?;
@@ -182,7 +179,7 @@ impl Gallery {
                 let reason = channel.reason.as_deref().unwrap_or("no reason is known");
                 return Err(Failure::NotDrawn(anyhow!("it was not drawn: {reason}")));
             }
-            if frame >= WARM_UP_FRAMES {
+            if frame > 0 {
                 times_ms.push(began.elapsed().as_secs_f64() * 1e3);
             }
         }

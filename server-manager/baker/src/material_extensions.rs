@@ -24,19 +24,21 @@ impl Default for IorJson {
 
 /// `KHR_materials_specular`.
 #[derive(Deserialize)]
-#[serde(rename_all = "camelCase", default)]
+#[serde(default)]
 struct SpecularJson {
-    specular_factor: f32,
-    specular_texture: Option<json::texture::Info>,
-    specular_color_factor: [f32; 3],
-    specular_color_texture: Option<json::texture::Info>,
+    #[serde(rename = "specularFactor")]
+    factor: f32,
+    #[serde(rename = "specularTexture")]
+    texture: Option<json::texture::Info>,
+    #[serde(rename = "specularColorFactor")]
+    color_factor: [f32; 3],
+    #[serde(rename = "specularColorTexture")]
+    color_texture: Option<json::texture::Info>,
 }
 
 impl Default for SpecularJson {
     fn default() -> Self {
-        let (specular_texture, specular_color_texture) = (None, None);
-        let (specular_factor, specular_color_factor) = (1.0, [1.0; 3]);
-        Self { specular_factor, specular_texture, specular_color_factor, specular_color_texture }
+        Self { factor: 1.0, texture: None, color_factor: [1.0; 3], color_texture: None }
     }
 }
 
@@ -106,11 +108,10 @@ impl MaterialContext<'_, '_, '_> {
         let read = read.unwrap_or_default();
         let made = Specular {
             ior: if ior == 0.0 { 0.0 } else { limit(ior, 1.0, FACTOR_MAX) },
-            factor: limit(read.specular_factor, 0.0, 1.0),
-            color: Vec3::from(read.specular_color_factor.map(|of| limit(of, 0.0, FACTOR_MAX))),
-            texture: self.optional(read.specular_texture.as_ref(), TextureKind::Tint)?,
-            color_texture: self
-                .optional(read.specular_color_texture.as_ref(), TextureKind::Tint)?,
+            factor: limit(read.factor, 0.0, 1.0),
+            color: Vec3::from(read.color_factor.map(|of| limit(of, 0.0, FACTOR_MAX))),
+            texture: self.optional(read.texture.as_ref(), TextureKind::Tint)?,
+            color_texture: self.optional(read.color_texture.as_ref(), TextureKind::Tint)?,
         };
         Ok((made != Specular::default()).then_some(made))
     }

@@ -63,7 +63,7 @@ impl ExtensionFeatures {
     }
 
     /// The constants of its shader.
-    pub fn constants(&self) -> Vec<(&'static str, f64)> {
+    pub fn constants(self) -> Vec<(&'static str, f64)> {
         const COORDINATES: [&str; EXTENSION_TEXTURES_MAX] =
             ["FURTHER_1", "FURTHER_2", "FURTHER_3", "FURTHER_4", "FURTHER_5"];
         const PLACES: [&str; EXTENSION_SLOTS] = ["SPECULAR", "SPECULAR_COLOR"];

@@ -82,12 +82,15 @@ fn every_shader_validates() {
     }
 }
 
+/// The interface of a surface that uses all that a scene can ask for.
+fn of_all() -> Interface {
+    let extensions = extension_sets().last().unwrap_or_default();
+    Interface { lit: true, lamps: true, shadows: true, extensions, ..Interface::default() }
+}
+
 #[test]
 fn uniforms_match_their_twins() {
-    let extensions = extension_sets().last().unwrap_or_default();
-    let interface =
-        Interface { lit: true, lamps: true, shadows: true, extensions, ..Interface::default() };
-    let opaque = module("opaque", &surface(interface, opaque::SOURCE));
+    let opaque = module("opaque", &surface(of_all(), opaque::SOURCE));
     let correct = module("correct", include_str!("../pass/correct.wgsl"));
     let behind = module("background", &surroundings(background::SOURCE));
     let check = |name: &str, size: usize, offsets: &[(&str, usize)]| {

@@ -8,7 +8,7 @@ use super::builder::{Builder, png};
 use super::{BakeFixture, bake_builder};
 
 /// A quad with one material.
-fn quad(material: Value) -> Builder {
+fn quad(material: &Value) -> Builder {
     let mut builder = Builder::quad();
     builder.json["materials"] = json!([material]);
     builder.json["meshes"][0]["primitives"][0]["material"] = json!(0);
@@ -41,7 +41,7 @@ fn index_of_refraction_and_specular_are_read_and_brought_to_their_range() {
         ),
     ] {
         let name = extensions.to_string();
-        let (_place, baked, scene) = bake_builder(&quad(json!({ "extensions": extensions })));
+        let (_place, baked, scene) = bake_builder(&quad(&json!({ "extensions": extensions })));
         let got = specular(&scene).map(|of| (of.ior, of.factor, of.color));
         assert_eq!(got, wanted, "{name}");
         assert!(baked.warnings.is_empty(), "{name}: {:?}", baked.warnings);
@@ -59,17 +59,17 @@ fn numbers_of_a_wrong_kind_are_refused_with_their_place() {
         ),
         ("KHR_materials_pbrSpecularGlossiness", json!(3), "KHR_materials_pbrSpecularGlossiness"),
     ] {
-        let message = refusal(&quad(json!({ "extensions": { name: value } })));
+        let message = refusal(&quad(&json!({ "extensions": { name: value } })));
         assert!(message.contains(&format!("materials[0].extensions.{part}")), "{message}");
     }
     let missing = json!({ "KHR_materials_specular": { "specularTexture": { "index": 9 } } });
-    let message = refusal(&quad(json!({ "extensions": missing })));
+    let message = refusal(&quad(&json!({ "extensions": missing })));
     assert!(message.contains("materials[0]"), "{message}");
 }
 
 #[test]
 fn textures_of_extensions_are_baked_and_one_image_of_two_uses_once() {
-    let mut builder = quad(json!({
+    let mut builder = quad(&json!({
         "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } },
         "extensions": { "KHR_materials_specular": {
             "specularTexture": { "index": 0 }, "specularColorTexture": { "index": 0 } } },
@@ -84,7 +84,7 @@ fn textures_of_extensions_are_baked_and_one_image_of_two_uses_once() {
 
 #[test]
 fn a_missing_image_of_an_extension_changes_nothing() {
-    let mut builder = quad(json!({ "extensions": { "KHR_materials_specular": {
+    let mut builder = quad(&json!({ "extensions": { "KHR_materials_specular": {
         "specularFactor": 0.5, "specularTexture": { "index": 0 } } } }));
     builder.image(b"");
     let (place, baked, scene) = bake_builder(&builder);
@@ -95,7 +95,7 @@ fn a_missing_image_of_an_extension_changes_nothing() {
 
 #[test]
 fn specular_glossiness_becomes_a_dielectric_of_the_same_reflection() {
-    let (_place, baked, scene) = bake_builder(&quad(json!({
+    let (_place, baked, scene) = bake_builder(&quad(&json!({
         "pbrMetallicRoughness": { "baseColorFactor": [1, 0, 0, 1], "metallicFactor": 1 },
         "extensions": { "KHR_materials_pbrSpecularGlossiness": {
             "diffuseFactor": [0.25, 0.5, 0.75, 0.5], "specularFactor": [0.9, 0.5, 0.1],
@@ -113,7 +113,7 @@ fn specular_glossiness_becomes_a_dielectric_of_the_same_reflection() {
 #[test]
 fn textures_of_specular_glossiness_may_differ_in_size_and_in_transform() {
     let moved = json!({ "KHR_texture_transform": { "scale": [2, 2] } });
-    let mut builder = quad(json!({
+    let mut builder = quad(&json!({
         "pbrMetallicRoughness": { "baseColorTexture": { "index": 1 } },
         "extensions": { "KHR_materials_pbrSpecularGlossiness": {
             "glossinessFactor": 0.5, "diffuseTexture": { "index": 0 },
@@ -141,7 +141,7 @@ fn textures_of_specular_glossiness_may_differ_in_size_and_in_transform() {
 
 #[test]
 fn what_is_unlit_has_the_base_colour_alone() {
-    let mut builder = quad(json!({
+    let mut builder = quad(&json!({
         "extensions": { "KHR_materials_unlit": {}, "KHR_materials_ior": { "ior": 2 } } }));
     builder.json["extensionsUsed"] = json!(["KHR_materials_unlit"]);
     let (_place, _, scene) = bake_builder(&builder);
