@@ -241,7 +241,9 @@ proptest! {
         prop_assert_eq!(kept, model.keys().copied().filter(made).count(), "nothing is left behind");
         // The same state by another way has the same sums, whatever is said of them.
         let none = BTreeMap::<u32, bool>::new();
-        let bytes = polyptych_codec::encode(&(&edits.nodes, &none, &none, &none, 1u64, 1u64));
+        let variant: Option<String> = None;
+        let entries = (&edits.nodes, &none, &none, &none, variant, 1u64, 1u64);
+        let bytes = polyptych_codec::encode(&entries);
         let again = polyptych_codec::decode_within::<SceneEdits, 65536>(&bytes);
         prop_assert_eq!(again.as_ref(), Ok(&edits));
     }
