@@ -236,12 +236,23 @@ impl Client {
     }
 
     /// Multiplies light by `exposure` before tone mapping, from the next frame on and until
-    /// another scene is opened: that sets the exposure that suits it, which is 1 for most.
+    /// another scene is opened: that sets the exposure that suits it, which is 1 for most. Ends an
+    /// automatic one.
     ///
     /// # Errors
     /// [`ClientError`].
     pub async fn set_exposure(&self, exposure: f32) -> Result<(), ClientError> {
         self.done("set the exposure", Request::SetExposure(exposure)).await
+    }
+
+    /// Exposes the wall by what it shows, from the next frame on and until
+    /// [`Self::set_exposure`]: the mean light becomes middle grey within a second, on all channels
+    /// alike. Opening another scene does not end it.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn set_automatic_exposure(&self) -> Result<(), ClientError> {
+        self.done("set the automatic exposure", Request::SetAutomaticExposure).await
     }
 
     /// Surrounds scenes by light, until it is set again; returns once every live channel can draw

@@ -87,6 +87,9 @@ pub struct Frame {
     pub detail: DetailBound,
     /// The clips that move the scene, as they stand in this frame.
     pub clips: Vec<ClipTime>,
+    /// Whether servers measure how bright the picture is, once it is shown.
+    #[serde(default)]
+    pub is_metered: bool,
 }
 
 /// Show the frame, unless it is too late.

@@ -28,6 +28,7 @@ pub mod handshake_io;
 pub mod head_update;
 pub mod ids;
 pub mod limits;
+pub mod luminance;
 pub mod navigation;
 pub mod node_query;
 pub mod output_mode;

@@ -31,6 +31,9 @@ pub struct Presentation {
     /// The way from exposed light to what displays show.
     #[serde(default)]
     pub tone: ToneMapper,
+    /// The manager sets the exposure by what the wall shows.
+    #[serde(default)]
+    pub is_exposure_automatic: bool,
 }
 
 impl Presentation {
@@ -45,6 +48,7 @@ impl Presentation {
             pattern: None,
             bounds: QualityBounds::FINEST,
             tone: ToneMapper::default(),
+            is_exposure_automatic: false,
         }
     }
 

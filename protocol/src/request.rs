@@ -67,7 +67,8 @@ pub enum Request {
     /// Places display space in the scene, from the next frame on.
     SetCamera(Camera),
     /// Multiplies light before tone mapping, from the next frame on and until another scene is
-    /// opened, which sets the exposure that suits it ([`SceneSummary::exposure`]).
+    /// opened, which sets the exposure that suits it ([`SceneSummary::exposure`]). Ends an
+    /// automatic one.
     SetExposure(f32),
     /// Draws and shows one frame; answered by its feedback.
     RenderFrame {
@@ -203,6 +204,8 @@ pub enum Request {
     SetTone(ToneMapper),
     /// Asks for the variants of the open scene; [`Request::Edit`] chooses one.
     ListVariants,
+    /// Exposes the wall by what it shows, from the next frame on and until [`Self::SetExposure`].
+    SetAutomaticExposure,
 }
 
 impl Request {
@@ -253,6 +256,7 @@ impl Request {
             Self::SetEnvironment(_) => "set the environment",
             Self::SetTone(_) => "set the tone mapper",
             Self::ListVariants => "list the variants",
+            Self::SetAutomaticExposure => "set the automatic exposure",
         }
     }
 }

@@ -5,6 +5,7 @@ use polyptych_wall::ChannelId;
 use serde::{Deserialize, Serialize};
 
 use crate::ids::{Digest, Epoch, FrameId, Revision};
+use crate::luminance::FrameLuminance;
 use crate::navigation::Navigation;
 
 /// One message from a render server to the manager.
@@ -67,6 +68,8 @@ pub enum ServerMessage {
         #[serde(deserialize_with = "text_of_peer")]
         warning: Option<String>,
     },
+    /// The brightness of a frame that was to be metered.
+    Luminance(FrameLuminance),
 }
 
 /// A revision is ready.

@@ -234,6 +234,7 @@ mod tests {
             capture: false,
             detail: DetailBound::default(),
             clips: Vec::new(),
+            is_metered: false,
         }
     }
 

@@ -3,6 +3,7 @@
 use bytes::Bytes;
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::{Epoch, FrameId};
+use polyptych_protocol::luminance::FrameLuminance;
 use polyptych_protocol::server_message::{FramePresented, FrameRendered, ServerMessage};
 use polyptych_renderer::DrawStats;
 use polyptych_wall::ChannelId;
@@ -63,6 +64,11 @@ pub(crate) fn shown(
         clock_error_us: clock.error_us(),
         is_unscheduled,
     }))
+}
+
+pub(crate) fn luminance(frame: &Frame, channel: ChannelId, counts: Vec<u32>) -> RenderEvent {
+    let (epoch, frame) = (frame.epoch, frame.frame);
+    RenderEvent::Status(ServerMessage::Luminance(FrameLuminance { epoch, frame, channel, counts }))
 }
 
 pub(crate) fn draw_failed(frame: FrameId, channel: ChannelId, reason: String) -> RenderEvent {

@@ -4,6 +4,7 @@ mod arrangement;
 mod displays;
 mod drawing;
 mod images;
+mod metering;
 mod moment;
 mod patterns;
 mod preparation;
@@ -141,6 +142,8 @@ pub(crate) struct RenderThread {
     /// How the latest scene is laid out in the state that is finished next.
     relayout: Option<(Arc<SceneLayout>, Option<Arc<MovedItems>>)>,
     showing: PresentationState,
+    /// The frame that was drawn last, if it is to be metered.
+    to_meter: Option<Box<Frame>>,
     /// The test patterns of channels, by their names, while there are any.
     patterns: BTreeMap<String, PatternImage>,
     identity: ServerInfo,
@@ -173,6 +176,7 @@ impl RenderThread {
             building: None,
             relayout: None,
             showing: PresentationState::default(),
+            to_meter: None,
             patterns: BTreeMap::new(),
             identity,
             names_sent: None,
@@ -294,6 +298,7 @@ impl RenderThread {
                     std::hint::spin_loop();
                 }
                 self.show((epoch, frame), display, is_unscheduled);
+                self.meter();
             }
         }
     }

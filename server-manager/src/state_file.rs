@@ -214,6 +214,7 @@ mod tests {
                 output_mode: OutputMode::Blank,
                 pattern: Some(TestPattern::Grid),
                 tone: polyptych_scene::ToneMapper::Aces,
+                is_exposure_automatic: true,
             },
             pace: Some(Pacing::Rate(60.0)),
             tunings: vec![(

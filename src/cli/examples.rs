@@ -57,7 +57,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
             "polyptych environment none",
         ],
     ),
-    ("exposure", &["polyptych exposure -1.5", "polyptych exposure"]),
+    ("exposure", &["polyptych exposure -1.5", "polyptych exposure auto"]),
     ("tone", &["polyptych tone aces", "polyptych tone"]),
     ("variant", &["polyptych variant list", "polyptych variant Red", "polyptych variant none"]),
     ("pick", &["polyptych pick front 960,540", "polyptych pick front 100,80 --json"]),

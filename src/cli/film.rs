@@ -124,6 +124,12 @@ pub(super) fn film(arguments: &FilmArguments) -> anyhow::Result<ExitCode> {
     let reconnect = ReconnectPolicy { wait: RETURN_TIME_MAX, give_up_after: None };
     let client = arguments.manager.connect_for(Some(reconnect))?;
     let tour = client.tour()?;
+    if client.presentation()?.is_exposure_automatic {
+        tracing::warn!(
+            "the exposure is automatic, so that the film may be brighter or darker when it is made \
+             again; set it with: polyptych exposure EV"
+        );
+    }
     let from_s = arguments.from.or(tour.began_s).unwrap_or(0.0);
     let mut report = FilmReport {
         out: arguments.out.display().to_string(),

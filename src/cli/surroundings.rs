@@ -39,29 +39,49 @@ pub(super) fn environment(arguments: &EnvironmentArguments) -> anyhow::Result<()
 #[derive(Debug, clap::Args)]
 pub(super) struct ExposureArguments {
     /// In stops: 1 is twice as bright as 0, and -1 half as bright; 0 shows a radiance of 1 as it
-    /// is. Without it, say how it is
-    #[arg(value_name = "EV", value_parser = stops, allow_negative_numbers = true)]
-    stops: Option<f64>,
+    /// is. Or "auto", by what the wall shows. Without it, say how it is
+    #[arg(value_name = "EV|auto", value_parser = wish, allow_negative_numbers = true)]
+    wish: Option<Exposure>,
     #[command(flatten)]
     manager: ManagerAddress,
+}
+
+/// An exposure that is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Exposure {
+    Automatic,
+    Stops(f64),
 }
 
 /// Sets the exposure, or says how it is.
 pub(super) fn exposure(arguments: &ExposureArguments) -> anyhow::Result<()> {
     let client = arguments.manager.connect()?;
-    if let Some(stops) = arguments.stops {
-        client.set_exposure(stops.exp2() as f32)?;
+    match arguments.wish {
+        Some(Exposure::Automatic) => client.set_automatic_exposure()?,
+        Some(Exposure::Stops(stops)) => client.set_exposure(stops.exp2() as f32)?,
+        None => {}
     }
-    let factor = client.presentation()?.exposure;
-    say(format_args!("exposure {:.2} EV, a factor of {factor}", factor.log2()))
+    let shown = client.presentation()?;
+    let (factor, stops) = (shown.exposure, shown.exposure.log2());
+    if !shown.is_exposure_automatic {
+        return say(format_args!("exposure {stops:.2} EV, a factor of {factor}"));
+    }
+    if arguments.wish.is_some() {
+        return say("exposure automatic: frames that are drawn set it");
+    }
+    say(format_args!("exposure automatic, now {stops:.2} EV, a factor of {factor}"))
 }
 
-/// An exposure in stops, as an argument.
-fn stops(text: &str) -> Result<f64, String> {
-    let stops: f64 = text.parse().map_err(|_| format!("{text:?} is not a number of stops"))?;
+/// An exposure, as an argument.
+fn wish(text: &str) -> Result<Exposure, String> {
+    if text == "auto" {
+        return Ok(Exposure::Automatic);
+    }
+    let stops: f64 =
+        text.parse().map_err(|_| format!("{text:?} is neither a number of stops nor auto"))?;
     let is_one = stops.abs() <= STOPS_MAX;
     is_one
-        .then_some(stops)
+        .then_some(Exposure::Stops(stops))
         .ok_or_else(|| format!("{text} is not within -{STOPS_MAX} to {STOPS_MAX}"))
 }
 
@@ -88,12 +108,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn stops_are_numbers_of_a_range() {
+    fn exposures_are_numbers_of_a_range_or_automatic() {
         for text in ["0", "-3.5", "+2", "64"] {
-            assert!(stops(text).is_ok(), "{text}");
+            assert!(matches!(wish(text), Ok(Exposure::Stops(_))), "{text}");
         }
-        for text in ["", "auto", "65", "NaN", "inf", "1EV"] {
-            assert!(stops(text).is_err(), "{text}");
+        assert_eq!(wish("auto"), Ok(Exposure::Automatic));
+        for text in ["", "Auto", "65", "NaN", "inf", "1EV"] {
+            assert!(wish(text).is_err(), "{text}");
         }
     }
 }

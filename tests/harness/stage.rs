@@ -84,6 +84,7 @@ pub fn frame(wall: &Wall, camera: Camera) -> Frame {
         capture: false,
         detail: DetailBound::default(),
         clips: Vec::new(),
+        is_metered: false,
     }
 }
 

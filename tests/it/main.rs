@@ -62,6 +62,7 @@ mod command_text;
 mod displays;
 mod editing;
 mod exact;
+mod exposure;
 mod failures;
 mod first_look;
 mod foreign_walls;

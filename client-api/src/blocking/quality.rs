@@ -16,6 +16,14 @@ impl Client {
         wait(self.inner.set_exposure(exposure))
     }
 
+    /// Blocking version of [`crate::Client::set_automatic_exposure`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_automatic_exposure(&self) -> Result<(), ClientError> {
+        wait(self.inner.set_automatic_exposure())
+    }
+
     /// Blocking version of [`crate::Client::set_environment`].
     ///
     /// # Errors

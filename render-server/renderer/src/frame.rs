@@ -126,7 +126,17 @@ impl FrameResources {
         };
         let is_culling = occluders.is_some();
         let search = start.elapsed().saturating_sub(cull);
-        Ok(BegunFrame { shown, sky, tone, items, is_culling, depths, cull, search })
+        Ok(BegunFrame {
+            shown,
+            sky,
+            tone,
+            items,
+            is_culling,
+            depths,
+            cull,
+            search,
+            is_light: false,
+        })
     }
 
     /// Encodes a frame and submits it.
@@ -143,7 +153,8 @@ impl FrameResources {
     ) -> Result<SubmittedFrame, DrawError> {
         let start = Instant::now();
         let variant = begun.variant(scene, target.content());
-        let BegunFrame { mut shown, sky, tone, items, is_culling, depths, cull, search } = begun;
+        let BegunFrame { mut shown, sky, tone, items, is_culling, depths, cull, search, .. } =
+            begun;
         let hidden = match depths {
             Some(depths) => Some(depths.leave_out_hidden(gpu, scene, target, &mut shown)?),
             None => None,
@@ -307,7 +318,8 @@ impl FrameResources {
         self.records.clear();
         self.records.push(InstanceRecord::default());
         let environment = scene.environment.is_some();
-        let variant = PipelineVariant { content: target.content(), tone, environment };
+        let variant =
+            PipelineVariant { content: target.content(), tone, environment, is_light: false };
         let background = self.background(gpu, scene, target, (variant, &[&view]));
         let with = (ready(pipelines, scene, variant)?, scene.environment.as_deref());
         let mut context = self.context(gpu, with, scene, vec![&view], &lists);

@@ -21,6 +21,7 @@ mod error_tolerance;
 mod frame;
 mod gpu;
 mod item_draws;
+mod light_meter;
 mod occlusion;
 mod occlusion_trial;
 mod output_texture;
@@ -207,7 +208,7 @@ impl Renderer {
     /// As [`Self::prepare`], for targets of this content.
     pub fn prepare_for(&mut self, gpu: &Gpu, scene: &GpuScene, content: ImageEncoding) {
         let environment = scene.environment.is_some();
-        let variant = PipelineVariant { content, tone: self.tone, environment };
+        let variant = PipelineVariant { content, tone: self.tone, environment, is_light: false };
         self.pipelines.prepare(gpu, &scene.layout.keys, variant);
         if let Some(occluders) = &mut self.occluders {
             occluders.prepare(gpu, &scene.layout.keys);

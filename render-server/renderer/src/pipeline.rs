@@ -81,6 +81,8 @@ pub(crate) struct PipelineVariant {
     pub tone: ToneMapper,
     /// Light comes from all around, by a map.
     pub environment: bool,
+    /// Into the float target, whatever the scene does.
+    pub is_light: bool,
 }
 
 /// A pipeline of a key: float target, tone mapper, environment.
@@ -202,7 +204,7 @@ impl Pipelines {
 
     /// Makes what is missing for a scene that is drawn in this way.
     pub fn prepare(&mut self, gpu: &Gpu, keys: &[PipelineKey], variant: PipelineVariant) {
-        for key in &keys.iter().map(|key| self.filtered(key)).collect::<Vec<_>>() {
+        for key in &keys.iter().map(|key| self.filtered(key, variant)).collect::<Vec<_>>() {
             let built = key.built(variant);
             if !self.ready.contains_key(&(*key, built)) {
                 let of = key.layout_key(variant.environment);
@@ -213,9 +215,10 @@ impl Pipelines {
         }
     }
 
-    /// The key of a scene with the filter in force.
-    fn filtered(&self, key: &PipelineKey) -> PipelineKey {
-        PipelineKey { shadows: if key.has_shadows() { self.shadows } else { key.shadows }, ..*key }
+    /// The key of a scene with the filter in force, for the target of a variant.
+    fn filtered(&self, key: &PipelineKey, variant: PipelineVariant) -> PipelineKey {
+        let shadows = if key.has_shadows() { self.shadows } else { key.shadows };
+        PipelineKey { shadows, linear: key.linear || variant.is_light, ..*key }
     }
 
     /// Makes what is missing for another tone mapper, if the scene was prepared for one: a frame
@@ -235,7 +238,7 @@ impl Pipelines {
         key: &PipelineKey,
         variant: PipelineVariant,
     ) -> Option<&wgpu::RenderPipeline> {
-        let key = self.filtered(key);
+        let key = self.filtered(key, variant);
         self.ready.get(&(key, key.built(variant)))
     }
 

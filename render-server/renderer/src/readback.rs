@@ -36,7 +36,7 @@ pub(crate) fn read_raw(gpu: &Gpu, picture: &OutputTexture) -> Result<Vec<u8>, Re
 }
 
 /// The bytes of a texture of one level, rows from the top, without padding.
-fn read_texture(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Vec<u8>, ReadError> {
+pub(crate) fn read_texture(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Vec<u8>, ReadError> {
     let descriptor = wgpu::CommandEncoderDescriptor { label: Some("readback") };
     let mut encoder = gpu.device.create_command_encoder(&descriptor);
     let copy = TextureCopy::encode(gpu, &mut encoder, texture);

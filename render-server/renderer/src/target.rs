@@ -94,12 +94,13 @@ impl Target {
         let view = |texture: &wgpu::Texture| texture.create_view(&whole);
         let drawn = wgpu::TextureUsages::RENDER_ATTACHMENT;
         let read = drawn | wgpu::TextureUsages::TEXTURE_BINDING;
+        let metered = read | wgpu::TextureUsages::COPY_SRC;
         let scene_format = if linear { LINEAR_FORMAT } else { content.format() };
         Ok(Self {
             size,
             samples,
             display: OutputTexture::new(gpu, size, content),
-            linear: linear.then(|| view(&make("target/linear", LINEAR_FORMAT, 1, read))),
+            linear: linear.then(|| view(&make("target/linear", LINEAR_FORMAT, 1, metered))),
             multisampled: (samples > 1)
                 .then(|| view(&make("target/multisampled", scene_format, samples, drawn))),
             depth: view(&make("target/depth", DEPTH_FORMAT, samples, drawn)),

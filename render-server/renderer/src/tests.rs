@@ -9,6 +9,7 @@ mod harness;
 mod labels;
 mod level_choice;
 mod levels;
+mod light_meter;
 mod moved;
 mod occlusion;
 mod order;

@@ -113,6 +113,7 @@ fn frame(head: HeadPose) -> Frame {
         capture: false,
         detail: DetailBound::default(),
         clips: Vec::new(),
+        is_metered: false,
     }
 }
 

@@ -114,6 +114,7 @@ impl RenderThread {
                 Err(reason) => is_drawn = failed(self, id, reason),
             }
         }
+        self.to_meter = (frame.is_metered && is_drawn).then(|| Box::new(frame.clone()));
         let now = self.manager_us();
         if is_drawn && let Some(act) = self.playback.frame_drawn(frame, began.elapsed(), now) {
             self.perform(act);

@@ -152,6 +152,7 @@ impl RenderThread {
             capture: false,
             detail: DetailBound::default(),
             clips: Vec::new(),
+            is_metered: false,
         };
         let (mut views, content) = match correctors.borrow_mut().get_mut(&channel.name) {
             Some(corrector) => (corrector.views(&self.gpu, wall, &frame)?, ImageEncoding::Light),

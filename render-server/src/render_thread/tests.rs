@@ -143,6 +143,7 @@ impl RenderThreadFixture {
             capture: true,
             detail: DetailBound::default(),
             clips: Vec::new(),
+            is_metered: false,
         };
         self.thread.handle(RenderTask::Frame(Box::new(frame)));
         self.turn();

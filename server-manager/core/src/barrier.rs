@@ -1,6 +1,6 @@
 //! The frame barrier: begin, wait for the drawings, swap. One for the whole wall.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 
 use polyptych_protocol::command::{Command, Frame, Swap};
 use polyptych_protocol::feedback::ChannelState;
@@ -26,30 +26,6 @@ const WARM_UP_FRAMES: u32 = 3;
 /// not count for the deadline: tiles of a wall differ by less. One of three servers or more so
 /// raises the deadline to this multiple at most, whatever it says and however slow it is.
 const OUTLIER_FACTOR: u32 = 4;
-
-/// Frames whose beginning is remembered: what a late channel may be behind and still be measured,
-/// two seconds of a wall at 240 frames per second.
-const FRAMES_REMEMBERED: usize = 480;
-
-/// The beginnings of the newest frames and the reductions that they were drawn with; their numbers
-/// have no gaps.
-#[derive(Debug, Default, Serialize, Deserialize)]
-pub(super) struct FrameStartTimes(VecDeque<(Micros, Reduction)>);
-
-impl FrameStartTimes {
-    fn add(&mut self, now: Micros, reduction: Reduction) {
-        if self.0.len() == FRAMES_REMEMBERED {
-            self.0.pop_front();
-        }
-        self.0.push_back((now, reduction));
-    }
-
-    /// The beginning of `frame` and its reduction, the newest one being `newest`.
-    fn of(&self, frame: FrameId, newest: FrameId) -> Option<(Micros, Reduction)> {
-        let back = usize::try_from(newest.0.checked_sub(frame.0)?).ok()?;
-        self.0.get(self.0.len().checked_sub(back + 1)?).copied()
-    }
-}
 
 /// A client's wish for one frame.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -233,6 +209,7 @@ impl Cluster {
         let wait = if is_warming || is_catching_up || capture { longest } else { length };
         let patience = if is_all_late { longest } else { wait };
         self.pacer.frame_started(now, !waited.is_empty());
+        let is_metered = self.expose(now, &waited);
         if let Some(FrameRequest { job, capture: true, .. }) = &order {
             self.collect(*job, &sent);
         }
@@ -240,7 +217,8 @@ impl Cluster {
         let error_px = detail.error_px;
         let reduction = self.rate_bound.in_force(&self.presentation.bounds);
         self.beginnings.add(now, reduction);
-        self.command(sent.clone(), Command::Frame(self.describe_frame(time_s, capture, detail)));
+        let frame = Frame { is_metered, ..self.describe_frame(time_s, capture, detail) };
+        self.command(sent.clone(), Command::Frame(frame));
         self.pipeline.push(Barrier {
             frame: self.frame,
             revision: self.shown.revision,
@@ -329,6 +307,7 @@ impl Cluster {
             capture,
             detail,
             clips: self.clips.times(),
+            is_metered: false,
         }
     }
 

@@ -231,6 +231,7 @@ impl Cluster {
         self.notes.clear();
         // What suited another scene may make this one black or white.
         self.presentation.exposure = summary.as_ref().map_or(1.0, |summary| summary.exposure);
+        self.auto_exposure.restart(summary.as_ref().map(|summary| summary.exposure));
         let clips = summary.as_ref().map_or(&[][..], |summary| &summary.clips);
         self.clips = PlayedClips::new(clips);
         self.end_motion();

@@ -69,6 +69,7 @@ impl Cluster {
             Request::SetHead(head) => self.set_head(head)?,
             Request::SetViews(views) => self.request_views(views)?,
             Request::SetExposure(exposure) => self.set_exposure(exposure)?,
+            Request::SetAutomaticExposure => self.set_automatic_exposure(now),
             Request::SetBounds(bounds) => self.set_bounds(bounds)?,
             Request::SetTone(tone) => self.presentation.tone = tone,
             Request::SetEnvironment(source) => return self.set_environment(now, job, source),
@@ -93,15 +94,7 @@ impl Cluster {
                 return Err("this manager answers no questions".into());
             }
             Request::Edit(transaction) => return self.edit_scene(now, job, transaction),
-            Request::Run(pace) => {
-                if let Pacing::Rate(rate) = pace
-                    && !RATES.contains(&rate)
-                {
-                    let (low, high) = (RATES.start(), RATES.end());
-                    return Err(format!("a rate is {low} to {high} frames per second, not {rate}"));
-                }
-                self.set_pace(Some(pace), now);
-            }
+            Request::Run(pace) => self.run(pace, now)?,
             Request::Pause => self.set_pace(None, now),
             Request::Status => return Ok(Some(Response::Status(Box::new(self.status(now))))),
             Request::DescribeWall => return Ok(Some(Response::Wall(Box::new(self.wall.clone())))),
@@ -140,11 +133,23 @@ impl Cluster {
         }))
     }
 
+    fn run(&mut self, pace: Pacing, now: Micros) -> Result<(), String> {
+        if let Pacing::Rate(rate) = pace
+            && !RATES.contains(&rate)
+        {
+            let (low, high) = (RATES.start(), RATES.end());
+            return Err(format!("a rate is {low} to {high} frames per second, not {rate}"));
+        }
+        self.set_pace(Some(pace), now);
+        Ok(())
+    }
+
     fn set_exposure(&mut self, exposure: f32) -> Result<(), String> {
         if !(exposure.is_finite() && exposure >= 0.0) {
             return Err(format!("an exposure is 0 or more, not {exposure}"));
         }
         self.presentation.exposure = exposure;
+        self.presentation.is_exposure_automatic = false;
         Ok(())
     }
 

@@ -6,6 +6,7 @@
 //! short deterministic test.
 
 mod aggregate;
+mod auto_exposure;
 mod barrier;
 mod calibrate;
 mod change;
@@ -18,6 +19,8 @@ mod detail;
 mod dispatch;
 mod environment;
 mod follow;
+mod frame_start_times;
+mod imported_scene;
 mod input;
 pub mod log_limiter;
 mod membership;
@@ -44,7 +47,6 @@ mod tours;
 mod variants;
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::Arc;
 
 use barrier::{Barrier, FrameRequest, OutputChange};
 use change_queue::{ChangeQueue, StateChange};
@@ -52,11 +54,10 @@ use polyptych_protocol::command::{Command, Pong};
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId};
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::progress::OpenProgress;
-use polyptych_protocol::request::{MessageToClient, RequestError, Response, SceneSummary};
+use polyptych_protocol::request::{MessageToClient, RequestError, Response};
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::state_log::{Operation, Replica};
 use polyptych_protocol::stored_view::StoredView;
-use polyptych_scene::{SceneEdits, SceneOutline};
 use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
@@ -65,6 +66,7 @@ pub use checkpoint::{Checkpoint, CheckpointOf};
 pub use clips::PlayedClips;
 pub use counters::{ChannelCounters, Counters, Histogram};
 pub use follow::FollowedNode;
+pub use imported_scene::{EditedScene, ImportedScene};
 pub use input::Input;
 use pace::Pacer;
 pub use persistent_state::PersistentState;
@@ -153,43 +155,6 @@ pub struct ClientRequest {
     pub id: RequestId,
 }
 
-/// A scene that was baked and can be shown.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ImportedScene {
-    /// Its name and manifest.
-    pub scene: polyptych_protocol::state_log::SceneRef,
-    /// What the client is told; the revision is filled in by the core.
-    pub summary: SceneSummary,
-    /// What is to be known of it to edit it.
-    pub outline: Arc<SceneOutline>,
-    /// Its changes when it was saved.
-    pub edits: SceneEdits,
-    /// The number that its next node gets at least.
-    pub next_node: u64,
-}
-
-impl ImportedScene {
-    /// A scene as its file has it.
-    pub fn of_file(
-        scene: polyptych_protocol::state_log::SceneRef,
-        summary: SceneSummary,
-        outline: Arc<SceneOutline>,
-    ) -> Self {
-        Self { scene, summary, outline, edits: SceneEdits::default(), next_node: 0 }
-    }
-}
-
-/// A scene with all that was changed of it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct EditedScene {
-    /// Its name and manifest.
-    pub scene: polyptych_protocol::state_log::SceneRef,
-    /// Its changes.
-    pub edits: SceneEdits,
-    /// The number that its next node gets at least.
-    pub next_node: u64,
-}
-
 /// A scene that is being baked.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Importing {
@@ -232,7 +197,7 @@ pub struct Cluster {
     clients: BTreeMap<SessionId, ClientState>,
     orders: VecDeque<FrameRequest>,
     pipeline: Pipeline,
-    beginnings: barrier::FrameStartTimes,
+    beginnings: frame_start_times::FrameStartTimes,
     /// The last frame that was begun.
     frame: FrameId,
     /// The last frame that was swapped.
@@ -260,6 +225,8 @@ pub struct Cluster {
     deadline: deadline::Deadline,
     #[serde(default)]
     rate_bound: rate_bound::RateBound,
+    #[serde(default)]
+    auto_exposure: auto_exposure::AutoExposure,
     /// Pixel densities of the last views and head that frames were bounded for.
     #[serde(skip)]
     densities: Option<detail::Densities>,
@@ -301,7 +268,7 @@ impl Cluster {
             clients: BTreeMap::new(),
             orders: VecDeque::new(),
             pipeline: Pipeline::default(),
-            beginnings: barrier::FrameStartTimes::default(),
+            beginnings: frame_start_times::FrameStartTimes::default(),
             frame: FrameId(0),
             swapped: FrameId(0),
             presentation: Presentation::new(wall.head()),
@@ -316,6 +283,7 @@ impl Cluster {
             pacer: Pacer::default(),
             deadline: deadline::Deadline::new(wall.deadline),
             rate_bound: rate_bound::RateBound::default(),
+            auto_exposure: auto_exposure::AutoExposure::default(),
             densities: None,
             drawn_error_px: [0.0; 2],
             gathered: StatisticsCollector::new(wall.channels.len()),
@@ -366,6 +334,7 @@ impl Cluster {
                     self.registry.set_display_warning(channel, warning);
                 }
             }
+            ServerMessage::Luminance(of) => self.handle_luminance(now, from, &of),
             ServerMessage::Storage { warning } => self.registry.set_storage_warning(from, warning),
             ServerMessage::StateLost { reason } => self.handle_divergence(now, from, &reason),
             ServerMessage::Navigate(navigation) => self.handle_navigation(now, from, &navigation),
@@ -413,6 +382,7 @@ impl Cluster {
         self.send_due_prepares(to_retry);
         self.expire_change(now);
         self.remember_navigation(now);
+        self.meter_at_last(now);
         self.advance_frame(now);
     }
 
@@ -432,6 +402,7 @@ impl Cluster {
             self.registry.next_retry(),
             self.changes.next_expiry(),
             self.navigator.remember_at,
+            self.next_metering(),
         ]
         .into_iter()
         .flatten()

@@ -128,8 +128,18 @@ impl Cluster {
             cluster.shown.apply(Operation::SetEnvironment(memory.environment.clone()));
         }
         // It goes with the scene: lights in real units are white at any other.
-        let Presentation { camera, head, ref views, exposure, output_mode, pattern, bounds, tone } =
-            memory.presentation;
+        let Presentation {
+            camera,
+            head,
+            ref views,
+            exposure,
+            output_mode,
+            pattern,
+            bounds,
+            tone,
+            is_exposure_automatic,
+        } = memory.presentation;
+        cluster.presentation.is_exposure_automatic = is_exposure_automatic;
         if exposure.is_finite() && exposure >= 0.0 {
             cluster.presentation.exposure = exposure;
         }

@@ -1,5 +1,6 @@
 //! Failures of a wall as short deterministic tests: the clock is the test's own.
 
+mod auto_exposure;
 mod bounds;
 mod clips;
 mod displays;
@@ -28,7 +29,7 @@ use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::quality_bounds::QualityBounds;
-use polyptych_protocol::request::{Pacing, Request};
+use polyptych_protocol::request::{Pacing, Request, SceneSummary};
 use polyptych_protocol::server_message::{FrameRendered, Ping, Prepared};
 use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{Bounds, SceneFeatures};

@@ -135,6 +135,10 @@ fn of_status(status: &ServerMessage) -> String {
         }
         ServerMessage::Storage { warning: Some(warning) } => format!("storage: {}", text(warning)),
         ServerMessage::Storage { warning: None } => "storage works again".to_owned(),
+        ServerMessage::Luminance(of) => {
+            let (channel, frame) = (of.channel.0, of.frame.0);
+            format!("the brightness of frame {frame} on channel number {channel}")
+        }
         ServerMessage::StateLost { reason } => format!("lost its state: {}", text(reason)),
         ServerMessage::Goodbye { reason } => format!("goodbye: {}", text(reason)),
     }

@@ -46,7 +46,7 @@ use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::{ChannelId, Wall};
 
 use super::editing::{answers_about_space, follow, regions, scene_edits, transaction, walked, way};
-use super::light::{environment, lights};
+use super::light::{environment, lights, luminance};
 use crate::message::Kind;
 
 /// The manager's life in all seeds, so that the core takes them for its own.
@@ -155,6 +155,7 @@ fn commands() -> Vec<Command> {
         capture: true,
         detail: DetailBound { error_px: 0.5, densities: vec![2000.0, 10.0], resolution_steps: 3 },
         clips: vec![ClipTime { clip: 1, time_s: 2.5, weight: 0.5 }],
+        is_metered: false,
     };
     let (base, revision) = (Some(Revision(1)), Revision(2));
     vec![
@@ -214,6 +215,7 @@ fn statuses() -> Vec<ServerMessage> {
         }),
         ServerMessage::Goodbye { reason: "it sends nonsense".into() },
         ServerMessage::StateLost { reason: "device lost".into() },
+        ServerMessage::Luminance(luminance()),
     ]
 }
 

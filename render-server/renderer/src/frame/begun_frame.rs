@@ -36,12 +36,24 @@ pub struct BegunFrame {
     pub(super) cull: Duration,
     /// Time that it took to encode the search.
     pub(super) search: Duration,
+    /// It is drawn to be metered.
+    pub(super) is_light: bool,
 }
 
 impl BegunFrame {
+    /// The same as light before tone mapping, with nothing where nothing is drawn.
+    pub(crate) fn of_light(self) -> Self {
+        Self { sky: Vec3::ZERO, is_light: true, ..self }
+    }
+
     /// The pipelines that it needs for a scene, onto pictures of this content.
     pub(crate) fn variant(&self, scene: &GpuScene, content: ImageEncoding) -> PipelineVariant {
-        PipelineVariant { content, tone: self.tone, environment: scene.environment.is_some() }
+        PipelineVariant {
+            content,
+            tone: self.tone,
+            environment: scene.environment.is_some(),
+            is_light: self.is_light,
+        }
     }
 }
 

@@ -57,6 +57,9 @@ impl Tonemap {
         (light, tone): (Vec3, ToneMapper),
         content: ImageEncoding,
     ) -> Result<wgpu::Color, SkyError> {
+        if light == Vec3::ZERO {
+            return Ok(wgpu::Color::BLACK);
+        }
         if let Some((sky, onto, color)) = self.sky
             && (sky, onto) == ((light, tone), content)
         {

@@ -151,6 +151,7 @@ fn drawn(wall: &Wall, scene: &SceneFixture, views: &[View], steps: &[u8]) -> Vec
             capture: false,
             detail: DetailBound { resolution_steps, ..DetailBound::default() },
             clips: Vec::new(),
+            is_metered: false,
         };
         thread.draw(&frame);
         for _ in &names {

@@ -1,0 +1,92 @@
+//! The brightness of what is shown, for the manager's automatic exposure.
+
+use std::rc::Rc;
+use std::sync::Arc;
+
+use polyptych_protocol::command::Frame;
+use polyptych_protocol::luminance::{LUMINANCE_COUNTS, luminance_index};
+use polyptych_renderer::{GpuScene, ViewDesc};
+use polyptych_wall::{ChannelId, Wall};
+
+use super::{Correctors, RenderThread};
+use crate::frame_views;
+use crate::render_event;
+
+/// Pixels of a channel along each axis for one that is metered: a thing of 16 pixels counts.
+const PIXELS_PER_SAMPLE: u32 = 16;
+
+impl RenderThread {
+    /// Meters the frame that was drawn last, if it is to be metered: it is shown now, and the time
+    /// until the next one is free. One that another state has replaced is not metered.
+    pub(super) fn meter(&mut self) {
+        let Some(frame) = self.to_meter.take() else { return };
+        let is_its = |epoch, revision| (epoch, revision) == (frame.epoch, frame.revision);
+        let drawable = self.states.front();
+        let Some(drawable) =
+            drawable.filter(|it| is_its(it.state.epoch, it.state.replica.revision))
+        else {
+            return;
+        };
+        let _span = tracing::error_span!("meter", frame = frame.frame.0).entered();
+        let state = Arc::clone(&drawable.state);
+        let correctors = Rc::clone(&drawable.correctors);
+        let scene = Rc::clone(&drawable.scene);
+        let scene = self.scene_at(scene, state.motion.as_deref(), &frame.clips);
+        let Some(wall) = state.replica.wall.as_deref() else { return };
+        for index in 0..self.outputs.len() {
+            let Some((id, _)) = wall.channel_by_name(&self.outputs[index].name) else { continue };
+            match self.counts((wall, id), &frame, &scene, &correctors) {
+                Ok(counts) => self.send(render_event::luminance(&frame, id, counts)),
+                // The manager does without.
+                Err(reason) => tracing::debug!(reason, "a channel could not be metered"),
+            }
+        }
+    }
+
+    /// Numbers of pixels by luminance.
+    fn counts(
+        &mut self,
+        (wall, id): (&Wall, ChannelId),
+        frame: &Frame,
+        scene: &GpuScene,
+        correctors: &Correctors,
+    ) -> Result<Vec<u32>, String> {
+        let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
+        let views = match correctors.borrow_mut().get_mut(&channel.name) {
+            Some(corrector) => corrector.views(&self.gpu, wall, frame)?,
+            None => frame_views::views(wall, id, frame)?,
+        };
+        let (size, views) = sampled(&views, channel.size.to_array());
+        let luminances = self.renderer.luminances(&self.gpu, scene, size, &views);
+        let mut counts = vec![0u32; LUMINANCE_COUNTS];
+        for luminance in luminances.map_err(|error| error.to_string())? {
+            if let Some(index) = luminance_index(luminance) {
+                counts[index] += 1;
+            }
+        }
+        Ok(counts)
+    }
+}
+
+/// The views of a picture with fewer pixels, and its size. Levels of detail and shadows stay those
+/// of the whole picture, so that maps of shadows serve both.
+fn sampled(views: &[ViewDesc], whole: [u32; 2]) -> ([u32; 2], Vec<ViewDesc>) {
+    let ends = views.iter().filter_map(|view| view.scissor.map(|[x, y, w, h]| [x + w, y + h]));
+    let [width, height] = ends.fold(whole, |[w, h], [x, y]| [w.max(x), h.max(y)]);
+    let reduced = |pixels: u32| pixels.div_ceil(PIXELS_PER_SAMPLE).max(1);
+    let share = 1.0 / f64::from(PIXELS_PER_SAMPLE);
+    let views = views.iter().filter_map(|view| {
+        let scissor = match view.scissor {
+            None => None,
+            Some([x, y, w, h]) => {
+                let [left, top] = [x, y].map(|at| at / PIXELS_PER_SAMPLE);
+                let [right, bottom] = [x + w, y + h].map(|at| at / PIXELS_PER_SAMPLE);
+                // Too small to count.
+                (left < right && top < bottom).then_some(())?;
+                Some([left, top, right - left, bottom - top])
+            }
+        };
+        Some(ViewDesc { viewport: view.viewport.map(|at| at * share), scissor, ..view.clone() })
+    });
+    ([reduced(width), reduced(height)], views.collect())
+}
