@@ -33,6 +33,9 @@ pub struct SceneFeatures {
     /// Materials with `KHR_materials_ior` or `KHR_materials_specular`.
     #[serde(default)]
     pub specular: bool,
+    /// Materials with `KHR_materials_clearcoat`.
+    #[serde(default)]
+    pub clearcoat: bool,
 }
 
 impl SceneFeatures {
@@ -52,7 +55,7 @@ impl SceneFeatures {
         Self {
             blend: any(|m| m.alpha_mode == AlphaMode::Blend),
             mask: any(|m| matches!(m.alpha_mode, AlphaMode::Mask(_))),
-            normal_maps: any(|m| m.normal_texture.is_some()),
+            normal_maps: any(super::Material::has_normal_map),
             textures: any(|m| m.textures().next().is_some()),
             vertex_colors: primitives().any(|p| p.layout.color),
             unlit: any(|m| m.unlit),
@@ -60,6 +63,7 @@ impl SceneFeatures {
             instances: uses.iter().any(|&count| count > 1),
             points_or_lines: primitives().any(|p| p.topology != Topology::Triangles),
             specular: extends(|of| of.specular.is_some()),
+            clearcoat: extends(|of| of.clearcoat.is_some()),
             sun_shadows: scene.nodes.iter().any(|node| {
                 let light = node.light.and_then(|light| scene.lights.get(light as usize));
                 light.is_some_and(Light::casts_shadows)
@@ -81,6 +85,7 @@ impl SceneFeatures {
             (self.points_or_lines, "points_or_lines"),
             (self.sun_shadows, "sun_shadows"),
             (self.specular, "specular"),
+            (self.clearcoat, "clearcoat"),
         ]
         .into_iter()
         .filter_map(|(needed, name)| needed.then_some(name))

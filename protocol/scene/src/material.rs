@@ -101,6 +101,12 @@ impl Material {
         ]
     }
 
+    /// Returns whether its vertices need tangents: it has a normal map.
+    pub fn has_normal_map(&self) -> bool {
+        let coat = self.extensions.as_ref().and_then(|of| of.clearcoat.as_ref());
+        self.normal_texture.is_some() || coat.is_some_and(|of| of.normal_texture.is_some())
+    }
+
     /// The textures that it has, to change them: those of extensions last.
     pub fn textures_mut(&mut self) -> impl Iterator<Item = &mut TextureRef> {
         [

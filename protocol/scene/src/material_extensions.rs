@@ -11,13 +11,15 @@ use super::TextureRef;
 pub const EXTENSION_TEXTURES_MAX: usize = 5;
 
 /// Slots of textures that all extensions together have.
-pub const EXTENSION_SLOTS: usize = 2;
+pub const EXTENSION_SLOTS: usize = 5;
 
 /// The extensions of a material. Factors multiply the textures; all are linear.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MaterialExtensions {
     /// The reflection of what is not metal.
     pub specular: Option<Specular>,
+    /// A clear layer above everything else.
+    pub clearcoat: Option<Clearcoat>,
 }
 
 /// `KHR_materials_ior` and `KHR_materials_specular`.
@@ -34,6 +36,33 @@ pub struct Specular {
     pub texture: Option<TextureRef>,
     /// sRGB.
     pub color_texture: Option<TextureRef>,
+}
+
+/// `KHR_materials_clearcoat`: a layer of an index of refraction of 1.5.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Clearcoat {
+    /// Part of the layer that is there: 0 to 1.
+    pub factor: f32,
+    /// Perceptual; its square is GGX's α.
+    pub roughness: f32,
+    /// Multiplies x and y of the normal map.
+    pub normal_scale: f32,
+    /// The part in R.
+    pub texture: Option<TextureRef>,
+    /// Roughness in G.
+    pub roughness_texture: Option<TextureRef>,
+    /// Tangent-space normals, +Y up. Without it the layer is as smooth as the mesh, whatever
+    /// normal map the material has.
+    pub normal_texture: Option<TextureRef>,
+}
+
+impl Default for Clearcoat {
+    /// Nothing of a smooth layer.
+    fn default() -> Self {
+        let [texture, roughness_texture, normal_texture] = [None; 3];
+        let (factor, roughness, normal_scale) = (0.0, 0.0, 1.0);
+        Self { factor, roughness, normal_scale, texture, roughness_texture, normal_texture }
+    }
 }
 
 impl Default for Specular {
@@ -56,16 +85,28 @@ impl Specular {
 
 impl MaterialExtensions {
     /// Returns its textures in the order in which shaders name them: the part of the reflection,
-    /// its colour.
+    /// its colour; the part of the clear coat, its roughness, its normals.
     pub fn texture_slots(&self) -> [Option<TextureRef>; EXTENSION_SLOTS] {
         let specular = self.specular.as_ref();
-        [specular.and_then(|of| of.texture), specular.and_then(|of| of.color_texture)]
+        let coat = self.clearcoat.as_ref();
+        [
+            specular.and_then(|of| of.texture),
+            specular.and_then(|of| of.color_texture),
+            coat.and_then(|of| of.texture),
+            coat.and_then(|of| of.roughness_texture),
+            coat.and_then(|of| of.normal_texture),
+        ]
     }
 
     /// The slots of those extensions that it has, to change them, in the same order.
     pub fn slots_mut(&mut self) -> impl Iterator<Item = &mut Option<TextureRef>> {
         let specular = self.specular.iter_mut();
-        specular.flat_map(|of| [&mut of.texture, &mut of.color_texture])
+        let specular = specular.flat_map(|of| [&mut of.texture, &mut of.color_texture]);
+        let coat = self
+            .clearcoat
+            .iter_mut()
+            .flat_map(|of| [&mut of.texture, &mut of.roughness_texture, &mut of.normal_texture]);
+        specular.chain(coat)
     }
 
     /// Returns its different textures, in the order of the slots. Shaders read no more than the
@@ -82,7 +123,8 @@ impl MaterialExtensions {
 
     /// Returns what is wrong with its numbers, if anything.
     pub fn fault(&self) -> Option<String> {
-        self.specular.as_ref().and_then(specular_fault)
+        let specular = self.specular.as_ref().and_then(specular_fault);
+        specular.or_else(|| self.clearcoat.as_ref().and_then(clearcoat_fault))
     }
 }
 
@@ -91,6 +133,13 @@ fn specular_fault(of: &Specular) -> Option<String> {
     let ior = (!is_index).then(|| format!("specular.ior is 0, or 1 or more, not {}", of.ior));
     let color = || color_fault("specular.color", of.color);
     ior.or_else(color).or_else(|| share_fault("specular.factor", of.factor))
+}
+
+fn clearcoat_fault(of: &Clearcoat) -> Option<String> {
+    let scale = of.normal_scale;
+    let scale = (!scale.is_finite()).then(|| format!("clearcoat.normal_scale is {scale}"));
+    let roughness = || share_fault("clearcoat.roughness", of.roughness);
+    share_fault("clearcoat.factor", of.factor).or_else(roughness).or(scale)
 }
 
 fn share_fault(what: &str, value: f32) -> Option<String> {

@@ -120,7 +120,7 @@ impl PipelineKey {
         let slots = [m.base_color, m.metallic_roughness, m.normal, m.occlusion, m.emissive];
         let has = |slot| slots.contains(&slot) || m.extensions.coordinates.contains(&slot);
         let attributes = VertexLayout {
-            tangent: m.normal != TextureSlot::None,
+            tangent: m.normal != TextureSlot::None || m.extensions.has_tangents(),
             uv0: has(TextureSlot::Uv0),
             uv1: has(TextureSlot::Uv1),
             color: self.layout.color,

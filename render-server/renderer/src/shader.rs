@@ -6,6 +6,8 @@ const FRAME: &str = include_str!("include/frame.wgsl");
 const VERTEX: &str = include_str!("include/vertex.wgsl");
 const MATERIAL: &str = include_str!("include/material.wgsl");
 const EXTENSION: &str = include_str!("include/extension.wgsl");
+const LAYERS: &str = include_str!("include/layers.wgsl");
+const CLEARCOAT: &str = include_str!("include/clearcoat.wgsl");
 const SHADOW: &str = include_str!("include/shadow.wgsl");
 /// Stands for [`SHADOW`] where no light casts shadows.
 const NO_SHADOW: &str = "
@@ -42,12 +44,27 @@ pub(crate) struct Interface {
 pub(crate) struct ExtensionSet {
     /// `KHR_materials_ior` or `KHR_materials_specular`.
     pub specular: bool,
+    /// `KHR_materials_clearcoat`.
+    pub clearcoat: bool,
 }
 
 impl ExtensionSet {
     /// Returns whether the material has none.
     pub fn is_empty(self) -> bool {
         self == Self::default()
+    }
+
+    /// Returns whether layers lie above the material.
+    fn has_layers(self) -> bool {
+        self.clearcoat
+    }
+
+    /// Returns the text that draws it; none where it is empty.
+    fn text(self) -> String {
+        [(!self.is_empty(), EXTENSION), (self.has_layers(), LAYERS), (self.clearcoat, CLEARCOAT)]
+            .into_iter()
+            .filter_map(|(is_there, text)| is_there.then_some(text))
+            .collect()
     }
 }
 
@@ -63,6 +80,8 @@ impl Interface {
             "environment" => self.environment,
             "extended" => !self.extensions.is_empty(),
             "specular" => self.extensions.specular,
+            "clearcoat" => self.extensions.clearcoat,
+            "layers" => self.extensions.has_layers(),
             _ => false,
         }
     }
@@ -72,13 +91,13 @@ impl Interface {
     }
 }
 
-/// Keeps the lines that have no mark `//? name`, or whose name holds; `!` negates.
+/// Keeps the lines that have no mark `//? name`, or whose name holds; `!` negates, `&` joins.
 fn select(text: &str, holds: impl Fn(&str) -> bool) -> String {
     let keep = |line: &&str| match line.split_once("//? ") {
-        Some((_, mark)) => match mark.strip_prefix('!') {
+        Some((_, mark)) => mark.split(" & ").all(|mark| match mark.strip_prefix('!') {
             Some(absent) => !holds(absent),
             None => holds(mark),
-        },
+        }),
         None => true,
     };
     text.lines().filter(keep).flat_map(|line| [line, "\n"]).collect()
@@ -90,8 +109,7 @@ pub(crate) fn surface(interface: Interface, pass: &str) -> String {
     let shadow = if interface.shadows { SHADOW } else { NO_SHADOW };
     let [map, light] =
         if interface.environment { [ENVIRONMENT, ENVIRONMENT_LIGHT] } else { [""; 2] };
-    let extension =
-        if interface.extensions.is_empty() { String::new() } else { interface.select(EXTENSION) };
+    let extension = interface.select(&interface.extensions.text());
     [FRAME, map, &vertex, MATERIAL, &extension, shadow, &surface, light, TONE, pass].concat()
 }
 

@@ -38,9 +38,8 @@ const SAID_ELSEWHERE: [&str; 18] = [
 
 /// Extensions of materials with the keys that must differ from these values to be seen: each is a
 /// number, or the value of all numbers of a list.
-const NEUTRAL: [(&str, &[(&str, f64)]); 8] = [
+const NEUTRAL: [(&str, &[(&str, f64)]); 7] = [
     ("KHR_materials_anisotropy", &[("anisotropyStrength", 0.0)]),
-    ("KHR_materials_clearcoat", &[("clearcoatFactor", 0.0)]),
     ("KHR_materials_diffuse_transmission", &[("diffuseTransmissionFactor", 0.0)]),
     ("KHR_materials_dispersion", &[("dispersion", 0.0)]),
     ("KHR_materials_iridescence", &[("iridescenceFactor", 0.0)]),
@@ -239,23 +238,24 @@ mod tests {
 
     #[test]
     fn says_once_how_many_have_an_extension_that_is_not_drawn() {
-        let coat = json!({ "extensions": { "KHR_materials_clearcoat": { "clearcoatFactor": 1 } } });
+        let glass = json!({ "KHR_materials_dispersion": { "dispersion": 1 } });
+        let glass = json!({ "extensions": glass });
         let other =
             json!({ "extensions": { "ACME_fog": {} }, "extras": { "extensions": { "X": 1 } } });
         let json = json!({
-            "materials": [coat, coat, { "extensions": { "KHR_materials_unlit": {} } }],
+            "materials": [glass, glass, { "extensions": { "KHR_materials_unlit": {} } }],
             "nodes": [other],
             "meshes": [{ "primitives": [{ "extensions": { "ACME_fur": {} } }, other] }],
             "scenes": [{ "extensions": { "EXT_lights_image_based": { "light": 0 } } }],
             "extensions": { "EXT_lights_image_based": { "lights": [] } },
         });
         assert_eq!(
-            notes(&json, &["KHR_materials_clearcoat", "ACME_smell", "EXT_mesh_features"]),
+            notes(&json, &["KHR_materials_dispersion", "ACME_smell", "EXT_mesh_features"]),
             [
                 "nodes: 1 is drawn without ACME_fog",
                 "meshes: 1 part is drawn without ACME_fur",
                 "extensions: EXT_lights_image_based is not drawn",
-                "materials: 2 are drawn without KHR_materials_clearcoat",
+                "materials: 2 are drawn without KHR_materials_dispersion",
                 "extensionsUsed: ACME_smell is not supported",
             ]
         );
@@ -264,7 +264,7 @@ mod tests {
     #[test]
     fn says_nothing_of_extensions_that_change_nothing() {
         let neutral = json!({
-            "KHR_materials_clearcoat": {}, "KHR_materials_dispersion": { "dispersion": 0.0 },
+            "KHR_materials_dispersion": { "dispersion": 0.0 },
             "KHR_materials_transmission": { "transmissionFactor": 0, "transmissionTexture": {} },
             "KHR_materials_sheen": { "sheenColorFactor": [0, 0.0, 0] },
             "KHR_materials_emissive_strength": { "emissiveStrength": 3 },

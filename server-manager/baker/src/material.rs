@@ -142,13 +142,7 @@ impl Palette {
                 material.emissive_texture = user.info(info, TextureKind::Color)?;
             }
             if let Some(normal) = &json.normal_texture {
-                let others = normal.extensions.as_ref().map(|extensions| &extensions.others);
-                let (index, set) = (normal.index.value(), normal.tex_coord);
-                let transform = others.and_then(|others| others.get("KHR_texture_transform"));
-                let transform = user.transform(transform)?;
-                let used = user.texture(index, set, transform.as_ref(), TextureKind::Normal)?;
-                user.needs.normal_map = used.map(|used| (used.uv_set, used.uv_transform));
-                material.normal_texture = used;
+                material.normal_texture = user.normals(normal)?;
             }
             if let Some(occlusion) = &json.occlusion_texture {
                 let others = occlusion.extensions.as_ref().map(|extensions| &extensions.others);
@@ -224,6 +218,21 @@ impl MaterialContext<'_, '_, '_> {
         let extensions = info.extensions.as_ref();
         let transform = extensions.and_then(|extensions| extensions.texture_transform.as_ref());
         self.texture(info.index.value(), info.tex_coord, transform, content)
+    }
+
+    /// Reads a normal map, and asks for its tangents unless another one has.
+    pub(super) fn normals(
+        &mut self,
+        normal: &json::material::NormalTexture,
+    ) -> Result<Option<TextureRef>, BakeError> {
+        let others = normal.extensions.as_ref().map(|extensions| &extensions.others);
+        let (index, set) = (normal.index.value(), normal.tex_coord);
+        let transform = others.and_then(|others| others.get("KHR_texture_transform"));
+        let transform = self.transform(transform)?;
+        let used = self.texture(index, set, transform.as_ref(), TextureKind::Normal)?;
+        let asked = used.map(|used| (used.uv_set, used.uv_transform));
+        self.needs.normal_map = self.needs.normal_map.or(asked);
+        Ok(used)
     }
 
     fn transform(

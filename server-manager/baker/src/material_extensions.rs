@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use gltf::json;
-use polyptych_scene::{EXTENSION_TEXTURES_MAX, MaterialExtensions, Specular};
+use polyptych_scene::{Clearcoat, EXTENSION_TEXTURES_MAX, MaterialExtensions, Specular};
 use serde::Deserialize;
 
 use super::error::BakeError;
@@ -42,6 +42,22 @@ impl Default for SpecularJson {
     }
 }
 
+/// `KHR_materials_clearcoat`.
+#[derive(Deserialize, Default)]
+#[serde(default)]
+struct ClearcoatJson {
+    #[serde(rename = "clearcoatFactor")]
+    factor: f32,
+    #[serde(rename = "clearcoatTexture")]
+    texture: Option<json::texture::Info>,
+    #[serde(rename = "clearcoatRoughnessFactor")]
+    roughness: f32,
+    #[serde(rename = "clearcoatRoughnessTexture")]
+    roughness_texture: Option<json::texture::Info>,
+    #[serde(rename = "clearcoatNormalTexture")]
+    normal_texture: Option<json::material::NormalTexture>,
+}
+
 impl MaterialContext<'_, '_, '_> {
     /// Reads an extension of the material; `None` where it has none.
     pub(super) fn extension<T: for<'de> Deserialize<'de>>(
@@ -71,7 +87,7 @@ impl MaterialContext<'_, '_, '_> {
         converted: Option<Specular>,
     ) -> Result<Option<Box<MaterialExtensions>>, BakeError> {
         let specular = converted.map_or_else(|| self.specular(json), |of| Ok(Some(of)))?;
-        let mut made = MaterialExtensions { specular };
+        let mut made = MaterialExtensions { specular, clearcoat: self.clearcoat(json)? };
         self.leave_out_textures(&mut made);
         let is_plain = made == MaterialExtensions::default();
         Ok((!is_plain).then(|| Box::new(made)))
@@ -114,5 +130,22 @@ impl MaterialContext<'_, '_, '_> {
             color_texture: self.optional(read.color_texture.as_ref(), TextureKind::Tint)?,
         };
         Ok((made != Specular::default()).then_some(made))
+    }
+
+    fn clearcoat(&mut self, json: &json::Material) -> Result<Option<Clearcoat>, BakeError> {
+        let read = self.extension::<ClearcoatJson>(json, "KHR_materials_clearcoat")?;
+        let Some(read) = read.filter(|read| read.factor > 0.0) else { return Ok(None) };
+        let scale = read.normal_texture.as_ref().map_or(1.0, |normal| normal.scale);
+        Ok(Some(Clearcoat {
+            factor: limit(read.factor, 0.0, 1.0),
+            roughness: limit(read.roughness, 0.0, 1.0),
+            normal_scale: limit(scale, -FACTOR_MAX, FACTOR_MAX),
+            texture: self.optional(read.texture.as_ref(), TextureKind::Data)?,
+            roughness_texture: self.optional(read.roughness_texture.as_ref(), TextureKind::Data)?,
+            normal_texture: read
+                .normal_texture
+                .as_ref()
+                .map_or(Ok(None), |normal| self.normals(normal))?,
+        }))
     }
 }

@@ -12,9 +12,10 @@ use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_manager::scene_export;
 use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{
-    AlphaMode, AssetManifests, Attribute, Filter, IndexFormat, Instance, Light, LightKind,
-    Material, MaterialExtensions, Mesh, MipFilter, Node, NodeExtras, NodeId, Primitive, Sampler,
-    Scene, SceneEdits, Specular, Texture, TextureFormat, TextureRef, Topology, VertexLayout, Wrap,
+    AlphaMode, AssetManifests, Attribute, Clearcoat, Filter, IndexFormat, Instance, Light,
+    LightKind, Material, MaterialExtensions, Mesh, MipFilter, Node, NodeExtras, NodeId, Primitive,
+    Sampler, Scene, SceneEdits, Specular, Texture, TextureFormat, TextureRef, Topology,
+    VertexLayout, Wrap,
 };
 
 /// Scenes that are tried.
@@ -119,7 +120,17 @@ fn material(random: &mut Rng, scene: &mut Scene, store: &BlobStore) {
                 texture,
                 color_texture: lit(random, color),
             };
-            let extensions = MaterialExtensions { specular: Some(specular) };
+            let normal_texture = lit(random, data);
+            let coat = Clearcoat {
+                factor: unit(random),
+                roughness: unit(random),
+                normal_scale: normal_texture.map_or(1.0, |_| signed(random)),
+                texture: lit(random, data),
+                roughness_texture: lit(random, data),
+                normal_texture,
+            };
+            let (specular, clearcoat) = (Some(specular), Some(coat).filter(|_| random.bool()));
+            let extensions = MaterialExtensions { specular, clearcoat };
             (!unlit && random.bool()).then(|| Box::new(extensions))
         },
     };
@@ -132,7 +143,7 @@ fn primitive(random: &mut Rng, scene: &Scene, store: &BlobStore) -> Primitive {
     let own = material.map(|at| &scene.materials[at as usize]);
     let has_set = |set| own.is_some_and(|own| own.textures().any(|of| of.uv_set == set));
     let layout = VertexLayout {
-        tangent: own.is_some_and(|own| own.normal_texture.is_some()),
+        tangent: own.is_some_and(Material::has_normal_map),
         uv0: has_set(0),
         uv1: has_set(1),
         color: random.bool(),

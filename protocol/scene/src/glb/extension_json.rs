@@ -4,7 +4,7 @@ use std::io::Write;
 
 use super::GlbWriter;
 use super::material_json::texture_json;
-use crate::{MaterialExtensions, Specular};
+use crate::{Clearcoat, MaterialExtensions, Specular};
 
 /// Returns the extensions as members of a material's `extensions`.
 pub(super) fn members<W: Write>(of: &MaterialExtensions, file: &mut GlbWriter<W>) -> Vec<String> {
@@ -12,6 +12,7 @@ pub(super) fn members<W: Write>(of: &MaterialExtensions, file: &mut GlbWriter<W>
     if let Some(specular) = &of.specular {
         members.extend(specular_members(specular, file));
     }
+    members.extend(of.clearcoat.iter().map(|coat| clearcoat_member(coat, file)));
     members
 }
 
@@ -34,4 +35,17 @@ fn specular_members<W: Write>(of: &Specular, file: &mut GlbWriter<W>) -> Vec<Str
         members.push(format!(r#""{name}":{{{factors}{part}{color}}}"#));
     }
     members
+}
+
+fn clearcoat_member<W: Write>(of: &Clearcoat, file: &mut GlbWriter<W>) -> String {
+    let part = texture_json("clearcoatTexture", of.texture, "", file);
+    let roughness = texture_json("clearcoatRoughnessTexture", of.roughness_texture, "", file);
+    let scale = format!(r#","scale":{:?}"#, of.normal_scale);
+    let normal = texture_json("clearcoatNormalTexture", of.normal_texture, &scale, file);
+    let name = file.use_extension("KHR_materials_clearcoat");
+    let factors = format!(
+        r#""clearcoatFactor":{:?},"clearcoatRoughnessFactor":{:?}"#,
+        of.factor, of.roughness
+    );
+    format!(r#""{name}":{{{factors}{part}{roughness}{normal}}}"#)
 }

@@ -4,6 +4,8 @@ struct Extension {
     uv_transforms: array<UvTransform, 5>,
     // Reflectance from the front, and the part of the reflection that is there.
     specular: vec4<f32>,
+    // Part, roughness, scale of the normal map.
+    clearcoat: vec4<f32>,
 }
 
 @group(3) @binding(0) var<uniform> extension: Extension;
@@ -28,6 +30,9 @@ override FURTHER_5: u32 = 0u;
 // The texture in which each factor has its texels, from 1; 0 none.
 override SPECULAR: u32 = 0u; //? specular
 override SPECULAR_COLOR: u32 = 0u; //? specular
+override CLEARCOAT: u32 = 0u; //? clearcoat
+override CLEARCOAT_ROUGHNESS: u32 = 0u; //? clearcoat
+override CLEARCOAT_NORMAL: u32 = 0u; //? clearcoat
 
 fn further_coordinates(v: Varyings, slot: u32, which: u32) -> vec2<f32> {
     var uv = vec2<f32>(0.0);

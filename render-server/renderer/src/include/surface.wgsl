@@ -37,6 +37,7 @@ struct Surface {
     dielectric: f32,
     // Of the dielectric: reflectance from the front, and the part of the reflection that is there.
     reflectance: vec4<f32>, //? specular
+    coat: Coat, //? clearcoat
 }
 
 // The interpolated tangent and normal are not made unit first: mikktspace bakes for that.
@@ -60,7 +61,8 @@ fn shading_normal(v: Varyings, front: bool) -> vec3<f32> {
 // Reflected radiance for light of the given irradiance, perpendicular to its direction.
 // D: GGX. V: height-correlated Smith (Heitz 2014). F: Schlick. Diffuse: Lambert, below a layer that
 // lets through what the dielectric's F leaves, as in appendix B.
-fn reflect_light(s: Surface, toward: vec3<f32>, irradiance: vec3<f32>) -> vec3<f32> {
+fn reflect_light(s: Surface, toward: vec3<f32>, irradiance: vec3<f32>) -> vec3<f32> { //? !layers
+fn reflect_below(s: Surface, toward: vec3<f32>, irradiance: vec3<f32>) -> vec3<f32> { //? layers
     let n_dot_l = clamp(dot(s.normal, toward), 0.0, 1.0);
     // With h = l + v: |h|² = 2 + 2 l·v, so neither h nor its dot products need be formed.
     let l_dot_v = dot(toward, s.toward_eye);
@@ -192,9 +194,11 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     let texels = further_texels(v); //? extended
     s.reflectance = reflectance(texels); //? specular
     s = layered(s, base, metallic);
+    s.coat = clear_coat(v, front, s.toward_eye, texels); //? clearcoat
 
     var light = ambient(s) * occlusion; //? !environment
     var light = environment_light(s) * occlusion; //? environment
+    light = layers_around(s, light, occlusion); //? layers
     let facing = surface_normal(v, front);
     if SUN_COUNT > 0u { light += sun_light(s, 0u, position, facing); }
     if SUN_COUNT > 1u { light += sun_light(s, 1u, position, facing); }
@@ -212,6 +216,7 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
             let uv = coordinates(v, EMISSIVE, 4u);
             glow *= textureSample(emissive_texture, emissive_sampler, uv).rgb;
         }
+        glow *= s.coat.passed; //? clearcoat
         light += glow;
     }
     return light;

@@ -12,6 +12,9 @@ use crate::gpu::Gpu;
 use crate::pipeline::TextureSlot;
 use crate::shader::ExtensionSet;
 
+/// The slot of the clear coat's normal map.
+const CLEARCOAT_NORMAL: usize = 4;
+
 /// Twin of `Extension` in `include/extension.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -20,6 +23,8 @@ pub(crate) struct ExtensionUniform {
     pub uv_transforms: [UvTransform; EXTENSION_TEXTURES_MAX],
     /// Reflectance from the front, and its part that is there.
     pub specular: [f32; 4],
+    /// Part, roughness, scale of the normal map.
+    pub clearcoat: [f32; 4],
 }
 
 impl ExtensionUniform {
@@ -28,9 +33,11 @@ impl ExtensionUniform {
         let transform =
             |at: usize| distinct.get(at).map_or(Affine2::IDENTITY, |one| one.uv_transform);
         let specular = of.specular.clone().unwrap_or_default();
+        let coat = of.clearcoat.clone().unwrap_or_default();
         Self {
             uv_transforms: std::array::from_fn(|at| uv_transform(transform(at))),
             specular: (specular.color * specular.reflectance()).extend(specular.factor).to_array(),
+            clearcoat: [coat.factor, coat.roughness, coat.normal_scale, 0.0],
         }
     }
 }
@@ -55,25 +62,43 @@ impl ExtensionFeatures {
         let mut distinct = of.distinct_textures();
         distinct.truncate(EXTENSION_TEXTURES_MAX);
         let place = |slot| distinct.iter().position(|one| Some(*one) == slot);
+        let mut places = of.texture_slots().map(|slot| place(slot).map_or(0, |at| at as u8 + 1));
+        if !layout.tangent {
+            places[CLEARCOAT_NORMAL] = 0;
+        }
         Self {
-            set: ExtensionSet { specular: of.specular.is_some() },
-            places: of.texture_slots().map(|slot| place(slot).map_or(0, |at| at as u8 + 1)),
+            set: ExtensionSet {
+                specular: of.specular.is_some(),
+                clearcoat: of.clearcoat.is_some(),
+            },
+            places,
             coordinates: std::array::from_fn(|at| slot_of(distinct.get(at).copied(), layout)),
         }
+    }
+
+    /// Returns whether tangents are read.
+    pub fn has_tangents(self) -> bool {
+        self.places[CLEARCOAT_NORMAL] != 0
     }
 
     /// The constants of its shader.
     pub fn constants(self) -> Vec<(&'static str, f64)> {
         const COORDINATES: [&str; EXTENSION_TEXTURES_MAX] =
             ["FURTHER_1", "FURTHER_2", "FURTHER_3", "FURTHER_4", "FURTHER_5"];
-        const PLACES: [&str; EXTENSION_SLOTS] = ["SPECULAR", "SPECULAR_COLOR"];
         if self.set.is_empty() {
             return Vec::new();
         }
         let coordinates = self.coordinates.map(|slot| f64::from(slot as u8));
-        let has = [self.set.specular; EXTENSION_SLOTS];
-        let places = PLACES.into_iter().zip(self.places.map(f64::from));
-        let places = places.zip(has).filter_map(|(place, is_there)| is_there.then_some(place));
+        let ExtensionSet { specular, clearcoat } = self.set;
+        let names: [(&str, bool); EXTENSION_SLOTS] = [
+            ("SPECULAR", specular),
+            ("SPECULAR_COLOR", specular),
+            ("CLEARCOAT", clearcoat),
+            ("CLEARCOAT_ROUGHNESS", clearcoat),
+            ("CLEARCOAT_NORMAL", clearcoat),
+        ];
+        let places = names.into_iter().zip(self.places.map(f64::from));
+        let places = places.filter_map(|((name, is_there), at)| is_there.then_some((name, at)));
         COORDINATES.into_iter().zip(coordinates).chain(places).collect()
     }
 }

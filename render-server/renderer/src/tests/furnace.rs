@@ -53,10 +53,19 @@ pub(super) fn radiance(material: Material, mu: f64, around: f64, lights: &[(DVec
 pub(super) fn radiance_in(
     material: Material,
     mu: f64,
+    around: (f64, Option<Arc<Environment>>),
+    lights: &[(DVec3, f64)],
+) -> f64 {
+    radiance_of((SceneFixture::new(), material), mu, around, lights)
+}
+
+/// The same of a material whose textures the scene has.
+pub(super) fn radiance_of(
+    (mut stage, material): (SceneFixture, Material),
+    mu: f64,
     (around, environment): (f64, Option<Arc<Environment>>),
     lights: &[(DVec3, f64)],
 ) -> f64 {
-    let mut stage = SceneFixture::new();
     stage.desc.sky = Vec3::splat(around as f32);
     stage.ground = Some(stage.desc.sky);
     let material = stage.material(material);

@@ -263,18 +263,30 @@ impl SceneFixture {
 
     /// A grey texture of linear light, with all its levels; clamped at its edges.
     pub fn grey(&mut self, side: u32, light: impl Fn(f64, f64) -> f64) -> u32 {
+        let texel = |u, v| {
+            let grey = (light(u, v) * 255.0).round() as u8;
+            [grey, grey, grey, 255]
+        };
+        self.picture((side, TextureFormat::Rgba8Linear), texel)
+    }
+
+    /// A texture of these texels, with all its levels; clamped at its edges.
+    pub fn picture(
+        &mut self,
+        (side, format): (u32, TextureFormat),
+        texel: impl Fn(f64, f64) -> [u8; 4],
+    ) -> u32 {
         let (mut bytes, mut level) = (Vec::new(), side);
         while level > 0 {
             let middle = |at: u32| (f64::from(at) + 0.5) / f64::from(level);
             for (y, x) in (0..level).flat_map(|y| (0..level).map(move |x| (y, x))) {
-                let grey = (light(middle(x), middle(y)) * 255.0).round() as u8;
-                bytes.extend([grey, grey, grey, 255]);
+                bytes.extend(texel(middle(x), middle(y)));
             }
             level /= 2;
         }
         self.desc.textures.push(Texture {
             blob: BlobHash::of(&bytes),
-            format: TextureFormat::Rgba8Linear,
+            format,
             width: side,
             height: side,
             mip_count: side.ilog2() + 1,

@@ -1,7 +1,7 @@
 //! Extensions of materials, as they are read.
 
 use glam::{Vec3, Vec4};
-use polyptych_scene::{Scene, Specular, TextureFormat};
+use polyptych_scene::{Clearcoat, Scene, Specular, TextureFormat};
 use serde_json::{Value, json};
 
 use super::builder::{Builder, png};
@@ -19,6 +19,10 @@ fn refusal(builder: &Builder) -> String {
     let place = BakeFixture::new();
     let path = place.write("scene.glb", &builder.glb());
     place.bake(&path).expect_err("refused").to_string()
+}
+
+fn clearcoat(scene: &Scene) -> Option<Clearcoat> {
+    scene.materials[0].extensions.as_ref()?.clearcoat.clone()
 }
 
 fn specular(scene: &Scene) -> Option<Specular> {
@@ -58,6 +62,11 @@ fn numbers_of_a_wrong_kind_are_refused_with_their_place() {
             "KHR_materials_specular.specularColorFactor",
         ),
         ("KHR_materials_pbrSpecularGlossiness", json!(3), "KHR_materials_pbrSpecularGlossiness"),
+        (
+            "KHR_materials_clearcoat",
+            json!({ "clearcoatFactor": 1, "clearcoatNormalTexture": { "scale": 1 } }),
+            "KHR_materials_clearcoat.clearcoatNormalTexture",
+        ),
     ] {
         let message = refusal(&quad(&json!({ "extensions": { name: value } })));
         assert!(message.contains(&format!("materials[0].extensions.{part}")), "{message}");
@@ -146,4 +155,42 @@ fn what_is_unlit_has_the_base_colour_alone() {
     builder.json["extensionsUsed"] = json!(["KHR_materials_unlit"]);
     let (_place, _, scene) = bake_builder(&builder);
     assert!(scene.materials[0].extensions.is_none());
+}
+
+#[test]
+fn a_clear_coat_is_read_and_brought_to_its_range() {
+    for (read, wanted) in [
+        (json!({}), None),
+        (json!({ "clearcoatFactor": 0, "clearcoatRoughnessFactor": 0.3 }), None),
+        (json!({ "clearcoatFactor": -1 }), None),
+        (json!({ "clearcoatFactor": 0.25 }), Some((0.25, 0.0))),
+        (json!({ "clearcoatFactor": 1e300, "clearcoatRoughnessFactor": -7 }), Some((1.0, 0.0))),
+    ] {
+        let name = read.to_string();
+        let extensions = json!({ "KHR_materials_clearcoat": read });
+        let (_place, baked, scene) = bake_builder(&quad(&json!({ "extensions": extensions })));
+        let got = clearcoat(&scene).map(|of| (of.factor, of.roughness));
+        assert_eq!(got, wanted, "{name}");
+        assert!(baked.warnings.is_empty(), "{name}: {:?}", baked.warnings);
+    }
+}
+
+#[test]
+fn a_normal_map_of_a_clear_coat_gets_tangents() {
+    let mut builder = quad(&json!({ "extensions": { "KHR_materials_clearcoat": {
+        "clearcoatFactor": 1, "clearcoatTexture": { "index": 0 },
+        "clearcoatRoughnessTexture": { "index": 0 },
+        "clearcoatNormalTexture": { "index": 1, "scale": 0.5, "extensions": {
+            "KHR_texture_transform": { "offset": [0.5, 0] } } } } } }));
+    builder.image(&png(4, 4, |_, _| [255, 128, 0, 255]));
+    builder.image(&png(4, 4, |_, _| [128, 128, 255, 255]));
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+    let layout = scene.meshes[0].primitives[0].layout;
+    assert!(layout.tangent && layout.uv0 && !layout.uv1);
+    let coat = clearcoat(&scene).expect("a coat");
+    assert_eq!((coat.normal_scale, coat.texture), (0.5, coat.roughness_texture));
+    let normals = coat.normal_texture.expect("normals");
+    assert_eq!(normals.uv_transform.translation.x, 0.5);
+    assert!(scene.textures.iter().all(|of| of.format == TextureFormat::Rgba8Linear));
 }
