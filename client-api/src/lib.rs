@@ -108,7 +108,7 @@ pub use polyptych_protocol::walk_query::{
 pub use polyptych_scene::{
     AlphaMode, Attribute, Bounds, Clearcoat, Edit, Facing, Fill, Highlight, Light, LightKind,
     Material, MaterialExtensions, NewNode, NodeId, NodeStyle, SceneFeatures, SceneSubset, Shading,
-    Specular, TextureRef, ToneMapper, Topology, provisional_asset,
+    Sheen, Specular, TextureRef, ToneMapper, Topology, provisional_asset,
 };
 pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;

@@ -36,6 +36,9 @@ pub struct SceneFeatures {
     /// Materials with `KHR_materials_clearcoat`.
     #[serde(default)]
     pub clearcoat: bool,
+    /// Materials with `KHR_materials_sheen`.
+    #[serde(default)]
+    pub sheen: bool,
 }
 
 impl SceneFeatures {
@@ -64,6 +67,7 @@ impl SceneFeatures {
             points_or_lines: primitives().any(|p| p.topology != Topology::Triangles),
             specular: extends(|of| of.specular.is_some()),
             clearcoat: extends(|of| of.clearcoat.is_some()),
+            sheen: extends(|of| of.sheen.is_some()),
             sun_shadows: scene.nodes.iter().any(|node| {
                 let light = node.light.and_then(|light| scene.lights.get(light as usize));
                 light.is_some_and(Light::casts_shadows)
@@ -86,6 +90,7 @@ impl SceneFeatures {
             (self.sun_shadows, "sun_shadows"),
             (self.specular, "specular"),
             (self.clearcoat, "clearcoat"),
+            (self.sheen, "sheen"),
         ]
         .into_iter()
         .filter_map(|(needed, name)| needed.then_some(name))

@@ -47,7 +47,7 @@ pub use layers::{Layers, NodeTraits, SceneSubset};
 pub use level_cut::{CUTS_MAX, LevelCut};
 pub use material::{AlphaMode, Material, TextureRef};
 pub use material_extensions::{
-    Clearcoat, EXTENSION_SLOTS, EXTENSION_TEXTURES_MAX, MaterialExtensions, Specular,
+    Clearcoat, EXTENSION_SLOTS, EXTENSION_TEXTURES_MAX, MaterialExtensions, Sheen, Specular,
 };
 pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 pub use motion::{Moment, Motion};

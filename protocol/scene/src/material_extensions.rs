@@ -11,7 +11,7 @@ use super::TextureRef;
 pub const EXTENSION_TEXTURES_MAX: usize = 5;
 
 /// Slots of textures that all extensions together have.
-pub const EXTENSION_SLOTS: usize = 5;
+pub const EXTENSION_SLOTS: usize = 7;
 
 /// The extensions of a material. Factors multiply the textures; all are linear.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -20,6 +20,8 @@ pub struct MaterialExtensions {
     pub specular: Option<Specular>,
     /// A clear layer above everything else.
     pub clearcoat: Option<Clearcoat>,
+    /// Fibres above the surface, below the clear coat.
+    pub sheen: Option<Sheen>,
 }
 
 /// `KHR_materials_ior` and `KHR_materials_specular`.
@@ -56,6 +58,19 @@ pub struct Clearcoat {
     pub normal_texture: Option<TextureRef>,
 }
 
+/// `KHR_materials_sheen`: fibres that stand along the normal, as those of velvet.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Sheen {
+    /// Linear RGB that the fibres reflect: 0 to 1.
+    pub color: Vec3,
+    /// Perceptual; its square is the α of the distribution of fibres.
+    pub roughness: f32,
+    /// sRGB.
+    pub color_texture: Option<TextureRef>,
+    /// Roughness in A.
+    pub roughness_texture: Option<TextureRef>,
+}
+
 impl Default for Clearcoat {
     /// Nothing of a smooth layer.
     fn default() -> Self {
@@ -85,7 +100,8 @@ impl Specular {
 
 impl MaterialExtensions {
     /// Returns its textures in the order in which shaders name them: the part of the reflection,
-    /// its colour; the part of the clear coat, its roughness, its normals.
+    /// its colour; the part of the clear coat, its roughness, its normals; the colour of
+    /// the sheen, its roughness.
     pub fn texture_slots(&self) -> [Option<TextureRef>; EXTENSION_SLOTS] {
         let specular = self.specular.as_ref();
         let coat = self.clearcoat.as_ref();
@@ -95,6 +111,8 @@ impl MaterialExtensions {
             coat.and_then(|of| of.texture),
             coat.and_then(|of| of.roughness_texture),
             coat.and_then(|of| of.normal_texture),
+            self.sheen.as_ref().and_then(|of| of.color_texture),
+            self.sheen.as_ref().and_then(|of| of.roughness_texture),
         ]
     }
 
@@ -106,7 +124,9 @@ impl MaterialExtensions {
             .clearcoat
             .iter_mut()
             .flat_map(|of| [&mut of.texture, &mut of.roughness_texture, &mut of.normal_texture]);
-        specular.chain(coat)
+        let sheen = self.sheen.iter_mut();
+        let sheen = sheen.flat_map(|of| [&mut of.color_texture, &mut of.roughness_texture]);
+        specular.chain(coat).chain(sheen)
     }
 
     /// Returns its different textures, in the order of the slots. Shaders read no more than the
@@ -124,7 +144,8 @@ impl MaterialExtensions {
     /// Returns what is wrong with its numbers, if anything.
     pub fn fault(&self) -> Option<String> {
         let specular = self.specular.as_ref().and_then(specular_fault);
-        specular.or_else(|| self.clearcoat.as_ref().and_then(clearcoat_fault))
+        let coat = || self.clearcoat.as_ref().and_then(clearcoat_fault);
+        specular.or_else(coat).or_else(|| self.sheen.as_ref().and_then(sheen_fault))
     }
 }
 
@@ -140,6 +161,11 @@ fn clearcoat_fault(of: &Clearcoat) -> Option<String> {
     let scale = (!scale.is_finite()).then(|| format!("clearcoat.normal_scale is {scale}"));
     let roughness = || share_fault("clearcoat.roughness", of.roughness);
     share_fault("clearcoat.factor", of.factor).or_else(roughness).or(scale)
+}
+
+fn sheen_fault(of: &Sheen) -> Option<String> {
+    let [r, g, b] = of.color.to_array().map(|part| share_fault("sheen.color", part));
+    r.or(g).or(b).or_else(|| share_fault("sheen.roughness", of.roughness))
 }
 
 fn share_fault(what: &str, value: f32) -> Option<String> {

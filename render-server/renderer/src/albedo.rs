@@ -23,6 +23,7 @@ use std::f64::consts::PI;
 use std::sync::OnceLock;
 
 use super::gpu::Gpu;
+use super::sheen_albedo;
 use super::tone::f16_bits;
 
 /// Entries along each side: rows by roughness from 0 to 1, columns by √μ from 0 to 1. Linear
@@ -37,9 +38,9 @@ const NODES: usize = 16;
 pub(crate) const ALPHA_MIN: f64 = 0.002;
 
 /// Minimum of μ, as in the shaders.
-const MU_MIN: f64 = 1e-4;
+pub(crate) const MU_MIN: f64 = 1e-4;
 
-/// The table on the GPU: E in red, B in green.
+/// The table on the GPU: E in red, B in green; in blue that of [`sheen_albedo`].
 pub(crate) fn texture(gpu: &Gpu) -> wgpu::TextureView {
     let side = SIDE as u32;
     let size = wgpu::Extent3d { width: side, height: side, depth_or_array_layers: 1 };
@@ -49,14 +50,15 @@ pub(crate) fn texture(gpu: &Gpu) -> wgpu::TextureView {
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rg16Float,
+        format: wgpu::TextureFormat::Rgba16Float,
         usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     });
-    let bits: Vec<u16> = table().iter().flatten().map(|&part| f16_bits(part)).collect();
+    let texels = table().iter().zip(sheen_table()).map(|([e, b], sheen)| [*e, *b, *sheen, 1.0]);
+    let bits: Vec<u16> = texels.flatten().map(f16_bits).collect();
     let layout = wgpu::TexelCopyBufferLayout {
         offset: 0,
-        bytes_per_row: Some(4 * side),
+        bytes_per_row: Some(8 * side),
         rows_per_image: None,
     };
     gpu.queue.write_texture(texture.as_image_copy(), bytemuck::cast_slice(&bits), layout, size);
@@ -78,10 +80,24 @@ fn table() -> &'static [[f64; 2]] {
     static TABLE: OnceLock<Vec<[f64; 2]>> = OnceLock::new();
     TABLE.get_or_init(|| {
         let nodes = gauss_legendre();
-        let part = |index: usize| index as f64 / (SIDE - 1) as f64;
-        let entry = |at: usize| albedo(part(at % SIDE).powi(2), part(at / SIDE), &nodes);
-        (0..SIDE * SIDE).map(entry).collect()
+        (0..SIDE * SIDE).map(place).map(|[mu, roughness]| albedo(mu, roughness, &nodes)).collect()
     })
+}
+
+/// The entries of fibres, made once in a process: about 10 ms.
+fn sheen_table() -> &'static [f64] {
+    static TABLE: OnceLock<Vec<f64>> = OnceLock::new();
+    TABLE.get_or_init(|| {
+        let nodes = gauss_legendre();
+        let entry = |[mu, roughness]: [f64; 2]| sheen_albedo::albedo(mu, roughness, &nodes);
+        (0..SIDE * SIDE).map(place).map(entry).collect()
+    })
+}
+
+/// μ and roughness of an entry.
+fn place(at: usize) -> [f64; 2] {
+    let part = |index: usize| index as f64 / (SIDE - 1) as f64;
+    [part(at % SIDE).powi(2), part(at / SIDE)]
 }
 
 /// E and B. Facets are chosen by how much of them is visible: E. Heitz, "Sampling the GGX
@@ -129,7 +145,7 @@ fn smith(cos: f64, alpha: f64) -> f64 {
 
 /// Places from 0 to 1 and weights, which add up to 1: zeros of a Legendre polynomial by Newton's
 /// method.
-fn gauss_legendre() -> Vec<[f64; 2]> {
+pub(crate) fn gauss_legendre() -> Vec<[f64; 2]> {
     let count = NODES as f64;
     let node = |index: usize| {
         let mut x = (PI * (index as f64 + 0.75) / (count + 0.5)).cos();

@@ -32,6 +32,7 @@ mod scene;
 mod shader;
 mod shadow_cascades;
 mod shadow_uniform;
+mod sheen_albedo;
 mod target;
 // The harness of tests serves the render server's too, so it names this crate as that one does.
 #[cfg(test)]

@@ -8,6 +8,7 @@ const MATERIAL: &str = include_str!("include/material.wgsl");
 const EXTENSION: &str = include_str!("include/extension.wgsl");
 const LAYERS: &str = include_str!("include/layers.wgsl");
 const CLEARCOAT: &str = include_str!("include/clearcoat.wgsl");
+const SHEEN: &str = include_str!("include/sheen.wgsl");
 const SHADOW: &str = include_str!("include/shadow.wgsl");
 /// Stands for [`SHADOW`] where no light casts shadows.
 const NO_SHADOW: &str = "
@@ -46,6 +47,8 @@ pub(crate) struct ExtensionSet {
     pub specular: bool,
     /// `KHR_materials_clearcoat`.
     pub clearcoat: bool,
+    /// `KHR_materials_sheen`.
+    pub sheen: bool,
 }
 
 impl ExtensionSet {
@@ -56,15 +59,20 @@ impl ExtensionSet {
 
     /// Returns whether layers lie above the material.
     fn has_layers(self) -> bool {
-        self.clearcoat
+        self.clearcoat || self.sheen
     }
 
     /// Returns the text that draws it; none where it is empty.
     fn text(self) -> String {
-        [(!self.is_empty(), EXTENSION), (self.has_layers(), LAYERS), (self.clearcoat, CLEARCOAT)]
-            .into_iter()
-            .filter_map(|(is_there, text)| is_there.then_some(text))
-            .collect()
+        [
+            (!self.is_empty(), EXTENSION),
+            (self.has_layers(), LAYERS),
+            (self.clearcoat, CLEARCOAT),
+            (self.sheen, SHEEN),
+        ]
+        .into_iter()
+        .filter_map(|(is_there, text)| is_there.then_some(text))
+        .collect()
     }
 }
 
@@ -81,6 +89,7 @@ impl Interface {
             "extended" => !self.extensions.is_empty(),
             "specular" => self.extensions.specular,
             "clearcoat" => self.extensions.clearcoat,
+            "sheen" => self.extensions.sheen,
             "layers" => self.extensions.has_layers(),
             _ => false,
         }

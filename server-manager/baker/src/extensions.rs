@@ -38,12 +38,11 @@ const SAID_ELSEWHERE: [&str; 18] = [
 
 /// Extensions of materials with the keys that must differ from these values to be seen: each is a
 /// number, or the value of all numbers of a list.
-const NEUTRAL: [(&str, &[(&str, f64)]); 7] = [
+const NEUTRAL: [(&str, &[(&str, f64)]); 6] = [
     ("KHR_materials_anisotropy", &[("anisotropyStrength", 0.0)]),
     ("KHR_materials_diffuse_transmission", &[("diffuseTransmissionFactor", 0.0)]),
     ("KHR_materials_dispersion", &[("dispersion", 0.0)]),
     ("KHR_materials_iridescence", &[("iridescenceFactor", 0.0)]),
-    ("KHR_materials_sheen", &[("sheenColorFactor", 0.0)]),
     ("KHR_materials_transmission", &[("transmissionFactor", 0.0)]),
     ("KHR_materials_volume", &[("thicknessFactor", 0.0)]),
 ];
@@ -266,7 +265,7 @@ mod tests {
         let neutral = json!({
             "KHR_materials_dispersion": { "dispersion": 0.0 },
             "KHR_materials_transmission": { "transmissionFactor": 0, "transmissionTexture": {} },
-            "KHR_materials_sheen": { "sheenColorFactor": [0, 0.0, 0] },
+            "KHR_materials_anisotropy": { "anisotropyStrength": 0 },
             "KHR_materials_emissive_strength": { "emissiveStrength": 3 },
         });
         let declared: Vec<&str> =

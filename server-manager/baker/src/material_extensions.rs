@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use gltf::json;
-use polyptych_scene::{Clearcoat, EXTENSION_TEXTURES_MAX, MaterialExtensions, Specular};
+use polyptych_scene::{Clearcoat, EXTENSION_TEXTURES_MAX, MaterialExtensions, Sheen, Specular};
 use serde::Deserialize;
 
 use super::error::BakeError;
@@ -58,6 +58,20 @@ struct ClearcoatJson {
     normal_texture: Option<json::material::NormalTexture>,
 }
 
+/// `KHR_materials_sheen`.
+#[derive(Deserialize, Default)]
+#[serde(default)]
+struct SheenJson {
+    #[serde(rename = "sheenColorFactor")]
+    color_factor: [f32; 3],
+    #[serde(rename = "sheenColorTexture")]
+    color_texture: Option<json::texture::Info>,
+    #[serde(rename = "sheenRoughnessFactor")]
+    roughness: f32,
+    #[serde(rename = "sheenRoughnessTexture")]
+    roughness_texture: Option<json::texture::Info>,
+}
+
 impl MaterialContext<'_, '_, '_> {
     /// Reads an extension of the material; `None` where it has none.
     pub(super) fn extension<T: for<'de> Deserialize<'de>>(
@@ -87,7 +101,8 @@ impl MaterialContext<'_, '_, '_> {
         converted: Option<Specular>,
     ) -> Result<Option<Box<MaterialExtensions>>, BakeError> {
         let specular = converted.map_or_else(|| self.specular(json), |of| Ok(Some(of)))?;
-        let mut made = MaterialExtensions { specular, clearcoat: self.clearcoat(json)? };
+        let (clearcoat, sheen) = (self.clearcoat(json)?, self.sheen(json)?);
+        let mut made = MaterialExtensions { specular, clearcoat, sheen };
         self.leave_out_textures(&mut made);
         let is_plain = made == MaterialExtensions::default();
         Ok((!is_plain).then(|| Box::new(made)))
@@ -146,6 +161,20 @@ impl MaterialContext<'_, '_, '_> {
                 .normal_texture
                 .as_ref()
                 .map_or(Ok(None), |normal| self.normals(normal))?,
+        }))
+    }
+
+    fn sheen(&mut self, json: &json::Material) -> Result<Option<Sheen>, BakeError> {
+        let read = self.extension::<SheenJson>(json, "KHR_materials_sheen")?.unwrap_or_default();
+        let color = Vec3::from(read.color_factor.map(|of| limit(of, 0.0, 1.0)));
+        if color == Vec3::ZERO {
+            return Ok(None);
+        }
+        Ok(Some(Sheen {
+            color,
+            roughness: limit(read.roughness, 0.0, 1.0),
+            color_texture: self.optional(read.color_texture.as_ref(), TextureKind::Tint)?,
+            roughness_texture: self.optional(read.roughness_texture.as_ref(), TextureKind::Tint)?,
         }))
     }
 }

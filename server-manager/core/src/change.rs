@@ -49,7 +49,7 @@ impl Cluster {
                 if !edits.is_empty() {
                     operations.push(Operation::SetEdits(Box::new(edits)));
                 }
-                let (summary, outline) = (Some(summary), Some(outline));
+                let (summary, outline) = (Some(*summary), Some(outline));
                 let purpose = ChangeOrigin::Scene { job, summary, outline, next_node };
                 self.request_change(now, StateChange { operations, purpose });
             }

@@ -13,7 +13,7 @@ pub struct ImportedScene {
     /// Its name and manifest.
     pub scene: SceneRef,
     /// What the client is told; the revision is filled in by the core.
-    pub summary: SceneSummary,
+    pub summary: Box<SceneSummary>,
     /// What is to be known of it to edit it.
     pub outline: Arc<SceneOutline>,
     /// Its changes when it was saved.
@@ -25,6 +25,7 @@ pub struct ImportedScene {
 impl ImportedScene {
     /// A scene as its file has it.
     pub fn of_file(scene: SceneRef, summary: SceneSummary, outline: Arc<SceneOutline>) -> Self {
+        let summary = Box::new(summary);
         Self { scene, summary, outline, edits: SceneEdits::default(), next_node: 0 }
     }
 }

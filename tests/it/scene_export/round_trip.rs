@@ -14,7 +14,7 @@ use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{
     AlphaMode, AssetManifests, Attribute, Clearcoat, Filter, IndexFormat, Instance, Light,
     LightKind, Material, MaterialExtensions, Mesh, MipFilter, Node, NodeExtras, NodeId, Primitive,
-    Sampler, Scene, SceneEdits, Specular, Texture, TextureFormat, TextureRef, Topology,
+    Sampler, Scene, SceneEdits, Sheen, Specular, Texture, TextureFormat, TextureRef, Topology,
     VertexLayout, Wrap,
 };
 
@@ -112,29 +112,48 @@ fn material(random: &mut Rng, scene: &mut Scene, store: &BlobStore) {
         occlusion_texture,
         emissive_texture: lit(random, color),
         extensions: {
-            let texture = lit(random, color);
-            let specular = Specular {
-                ior: [0.0, 1.0 + unit(random)][random.usize(0..2)],
-                factor: unit(random),
-                color: direction(random).abs() * 3.0,
-                texture,
-                color_texture: lit(random, color),
-            };
-            let normal_texture = lit(random, data);
-            let coat = Clearcoat {
-                factor: unit(random),
-                roughness: unit(random),
-                normal_scale: normal_texture.map_or(1.0, |_| signed(random)),
-                texture: lit(random, data),
-                roughness_texture: lit(random, data),
-                normal_texture,
-            };
-            let (specular, clearcoat) = (Some(specular), Some(coat).filter(|_| random.bool()));
-            let extensions = MaterialExtensions { specular, clearcoat };
+            let extensions = extensions(random, &mut lit);
             (!unlit && random.bool()).then(|| Box::new(extensions))
         },
     };
     scene.materials.push(made);
+}
+
+/// Extensions of a material, whose textures are made by the function.
+fn extensions(
+    random: &mut Rng,
+    texture_of: &mut impl FnMut(&mut Rng, TextureFormat) -> Option<TextureRef>,
+) -> MaterialExtensions {
+    let (color, data) = (TextureFormat::Rgba8Srgb, TextureFormat::Rgba8Linear);
+    let texture = texture_of(random, color);
+    let specular = Specular {
+        ior: [0.0, 1.0 + unit(random)][random.usize(0..2)],
+        factor: unit(random),
+        color: direction(random).abs() * 3.0,
+        texture,
+        color_texture: texture_of(random, color),
+    };
+    let mut made = MaterialExtensions { specular: Some(specular), ..MaterialExtensions::default() };
+    // Not both: a material can have five textures of extensions.
+    if random.bool() {
+        let normal_texture = texture_of(random, data);
+        made.clearcoat = Some(Clearcoat {
+            factor: unit(random),
+            roughness: unit(random),
+            normal_scale: normal_texture.map_or(1.0, |_| signed(random)),
+            texture: texture_of(random, data),
+            roughness_texture: texture_of(random, data),
+            normal_texture,
+        });
+    } else {
+        made.sheen = Some(Sheen {
+            color: direction(random).abs(),
+            roughness: unit(random),
+            color_texture: texture_of(random, color),
+            roughness_texture: texture_of(random, color),
+        });
+    }
+    made
 }
 
 fn primitive(random: &mut Rng, scene: &Scene, store: &BlobStore) -> Primitive {

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use super::GlbWriter;
 use super::material_json::texture_json;
-use crate::{Clearcoat, MaterialExtensions, Specular};
+use crate::{Clearcoat, MaterialExtensions, Sheen, Specular};
 
 /// Returns the extensions as members of a material's `extensions`.
 pub(super) fn members<W: Write>(of: &MaterialExtensions, file: &mut GlbWriter<W>) -> Vec<String> {
@@ -13,6 +13,7 @@ pub(super) fn members<W: Write>(of: &MaterialExtensions, file: &mut GlbWriter<W>
         members.extend(specular_members(specular, file));
     }
     members.extend(of.clearcoat.iter().map(|coat| clearcoat_member(coat, file)));
+    members.extend(of.sheen.iter().map(|sheen| sheen_member(sheen, file)));
     members
 }
 
@@ -48,4 +49,16 @@ fn clearcoat_member<W: Write>(of: &Clearcoat, file: &mut GlbWriter<W>) -> String
         of.factor, of.roughness
     );
     format!(r#""{name}":{{{factors}{part}{roughness}{normal}}}"#)
+}
+
+fn sheen_member<W: Write>(of: &Sheen, file: &mut GlbWriter<W>) -> String {
+    let color = texture_json("sheenColorTexture", of.color_texture, "", file);
+    let roughness = texture_json("sheenRoughnessTexture", of.roughness_texture, "", file);
+    let name = file.use_extension("KHR_materials_sheen");
+    let factors = format!(
+        r#""sheenColorFactor":{:?},"sheenRoughnessFactor":{:?}"#,
+        of.color.to_array(),
+        of.roughness
+    );
+    format!(r#""{name}":{{{factors}{color}{roughness}}}"#)
 }

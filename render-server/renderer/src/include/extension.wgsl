@@ -6,6 +6,8 @@ struct Extension {
     specular: vec4<f32>,
     // Part, roughness, scale of the normal map.
     clearcoat: vec4<f32>,
+    // Colour, roughness.
+    sheen: vec4<f32>,
 }
 
 @group(3) @binding(0) var<uniform> extension: Extension;
@@ -33,6 +35,8 @@ override SPECULAR_COLOR: u32 = 0u; //? specular
 override CLEARCOAT: u32 = 0u; //? clearcoat
 override CLEARCOAT_ROUGHNESS: u32 = 0u; //? clearcoat
 override CLEARCOAT_NORMAL: u32 = 0u; //? clearcoat
+override SHEEN_COLOR: u32 = 0u; //? sheen
+override SHEEN_ROUGHNESS: u32 = 0u; //? sheen
 
 fn further_coordinates(v: Varyings, slot: u32, which: u32) -> vec2<f32> {
     var uv = vec2<f32>(0.0);

@@ -38,6 +38,7 @@ struct Surface {
     // Of the dielectric: reflectance from the front, and the part of the reflection that is there.
     reflectance: vec4<f32>, //? specular
     coat: Coat, //? clearcoat
+    sheen: Sheen, //? sheen
 }
 
 // The interpolated tangent and normal are not made unit first: mikktspace bakes for that.
@@ -194,6 +195,7 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     let texels = further_texels(v); //? extended
     s.reflectance = reflectance(texels); //? specular
     s = layered(s, base, metallic);
+    s.sheen = sheen_of(s.n_dot_v, texels); //? sheen
     s.coat = clear_coat(v, front, s.toward_eye, texels); //? clearcoat
 
     var light = ambient(s) * occlusion; //? !environment

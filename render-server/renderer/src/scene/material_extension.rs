@@ -25,6 +25,8 @@ pub(crate) struct ExtensionUniform {
     pub specular: [f32; 4],
     /// Part, roughness, scale of the normal map.
     pub clearcoat: [f32; 4],
+    /// Colour, roughness.
+    pub sheen: [f32; 4],
 }
 
 impl ExtensionUniform {
@@ -34,10 +36,12 @@ impl ExtensionUniform {
             |at: usize| distinct.get(at).map_or(Affine2::IDENTITY, |one| one.uv_transform);
         let specular = of.specular.clone().unwrap_or_default();
         let coat = of.clearcoat.clone().unwrap_or_default();
+        let sheen = of.sheen.clone().unwrap_or_default();
         Self {
             uv_transforms: std::array::from_fn(|at| uv_transform(transform(at))),
             specular: (specular.color * specular.reflectance()).extend(specular.factor).to_array(),
             clearcoat: [coat.factor, coat.roughness, coat.normal_scale, 0.0],
+            sheen: sheen.color.extend(sheen.roughness).to_array(),
         }
     }
 }
@@ -70,6 +74,7 @@ impl ExtensionFeatures {
             set: ExtensionSet {
                 specular: of.specular.is_some(),
                 clearcoat: of.clearcoat.is_some(),
+                sheen: of.sheen.is_some(),
             },
             places,
             coordinates: std::array::from_fn(|at| slot_of(distinct.get(at).copied(), layout)),
@@ -89,13 +94,15 @@ impl ExtensionFeatures {
             return Vec::new();
         }
         let coordinates = self.coordinates.map(|slot| f64::from(slot as u8));
-        let ExtensionSet { specular, clearcoat } = self.set;
+        let ExtensionSet { specular, clearcoat, sheen } = self.set;
         let names: [(&str, bool); EXTENSION_SLOTS] = [
             ("SPECULAR", specular),
             ("SPECULAR_COLOR", specular),
             ("CLEARCOAT", clearcoat),
             ("CLEARCOAT_ROUGHNESS", clearcoat),
             ("CLEARCOAT_NORMAL", clearcoat),
+            ("SHEEN_COLOR", sheen),
+            ("SHEEN_ROUGHNESS", sheen),
         ];
         let places = names.into_iter().zip(self.places.map(f64::from));
         let places = places.filter_map(|((name, is_there), at)| is_there.then_some((name, at)));

@@ -2,8 +2,8 @@
 
 use std::f64::consts::PI;
 
-use glam::{Affine2, DQuat, DVec3, Vec2};
-use polyptych_scene::{Clearcoat, MaterialExtensions, Specular, TextureFormat, TextureRef};
+use glam::{Affine2, DQuat, DVec3, Vec2, Vec3};
+use polyptych_scene::{Clearcoat, MaterialExtensions, Sheen, Specular, TextureFormat, TextureRef};
 
 use super::extensions::{coat_albedo, facets, schlick, with};
 use super::furnace::{MIDDLE, aslant, material, radiance, radiance_of};
@@ -74,8 +74,10 @@ fn a_clear_coat_has_normals_of_its_own() {
         };
         // Nothing is reflected below the coat.
         let specular = Some(Specular { factor: 0.0, ..Specular::default() });
-        let of =
-            with(material(0.0, 0.0, 1.0), MaterialExtensions { specular, clearcoat: Some(coat) });
+        let of = with(
+            material(0.0, 0.0, 1.0),
+            MaterialExtensions { specular, clearcoat: Some(coat), ..MaterialExtensions::default() },
+        );
         // The layer's formula where its normal is +z and the eye lies in the plane of x and z.
         let (toward, eye) = (aslant(0.9), aslant(0.8));
         let turn = DQuat::from_rotation_arc(normal, DVec3::Z);
@@ -94,7 +96,8 @@ fn a_clear_coat_has_normals_of_its_own() {
 fn a_normal_map_of_the_material_does_not_bend_a_clear_coat() {
     let coat = Clearcoat { factor: 1.0, roughness: 0.3, ..Clearcoat::default() };
     let specular = Some(Specular { factor: 0.0, ..Specular::default() });
-    let coated = MaterialExtensions { specular, clearcoat: Some(coat) };
+    let coated =
+        MaterialExtensions { specular, clearcoat: Some(coat), ..MaterialExtensions::default() };
     let black = with(material(0.0, 0.0, 1.0), coated);
     let brdf = schlick(0.04, POSE.1, POSE.0) * facets(0.3, POSE.1, POSE.0);
     let lights = [(POSE.0, MIDDLE * PI / (brdf * POSE.0.z))];
@@ -104,4 +107,26 @@ fn a_normal_map_of_the_material_does_not_bend_a_clear_coat() {
     bent.normal_texture = Some(half.at(0.0));
     let got = radiance_of((half.stage, bent), POSE.1, (0.0, None), &lights);
     assert!((got / wanted - 1.0).abs() < 0.003, "{got} instead of {wanted}");
+}
+
+#[test]
+fn a_texture_is_the_colour_of_a_sheen_and_its_alpha_the_roughness() {
+    let sheen = |sheen| MaterialExtensions { sheen: Some(sheen), ..MaterialExtensions::default() };
+    let whole = Sheen { color: Vec3::splat(0.9), roughness: 0.9, ..Sheen::default() };
+    for (color, rough) in [(0.25, 0.25), (-0.25, 0.25), (-0.25, -0.25)] {
+        // 188 is 0.503 of the light, 255 all of it.
+        let half =
+            Halves::new(TextureFormat::Rgba8Srgb, [[188, 188, 188, 204], [255, 255, 255, 102]]);
+        let textured = Sheen {
+            color_texture: Some(half.at(color)),
+            roughness_texture: Some(half.at(rough)),
+            ..whole.clone()
+        };
+        let color = whole.color * if color > 0.0 { 1.0 } else { 0.5029 };
+        let roughness = whole.roughness * if rough > 0.0 { 0.4 } else { 0.8 };
+        let plain = sheen(Sheen { color, roughness, ..Sheen::default() });
+        let wanted = measured(SceneFixture::new(), plain, 2.0);
+        let got = measured(half.stage, sheen(textured), 2.0);
+        assert!((got / wanted - 1.0).abs() < 0.003, "{got} instead of {wanted}: {rough}");
+    }
 }

@@ -4,13 +4,14 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
-use polyptych_scene::{Clearcoat, Material, MaterialExtensions, Specular};
+use polyptych_scene::{Clearcoat, Material, MaterialExtensions, Sheen, Specular};
 
 use super::environment::uniform;
 use super::furnace::{MIDDLE, aslant, furnace_of_lights, material, radiance, radiance_in};
 use super::harness::gpu;
 use crate::Environment;
 use crate::albedo::tests::integrated;
+use crate::sheen_albedo;
 
 pub(super) fn with(material: Material, extensions: MaterialExtensions) -> Material {
     Material { extensions: Some(Box::new(extensions)), ..material }
@@ -232,5 +233,77 @@ fn a_clear_coat_dims_what_glows_below() {
         };
         let got = radiance(coated(glowing, 1.0, 0.2), mu, 0.0, &[]);
         assert!((got / MIDDLE - 1.0).abs() < 0.01, "{got} at {mu}");
+    }
+}
+
+fn furred(material: Material, color: f32, roughness: f32) -> Material {
+    let sheen = Sheen { color: Vec3::splat(color), roughness, ..Sheen::default() };
+    with(material, MaterialExtensions { sheen: Some(sheen), ..MaterialExtensions::default() })
+}
+
+#[test]
+fn a_white_furnace_stays_white_below_a_sheen() {
+    let environment = Arc::new(Environment::new(gpu(), &uniform([MIDDLE; 3])));
+    for (color, sheen) in [(1.0, 0.0), (1.0, 0.2), (0.5, 0.6), (1.0, 1.0)] {
+        for (metallic, roughness, mu) in
+            [(0.0, 0.0, 0.6), (1.0, 0.3, 1.0), (0.0, 0.6, 0.2), (1.0, 1.0, 0.05), (0.5, 1.0, 0.01)]
+        {
+            let white = furred(material(1.0, metallic, roughness), color, sheen);
+            let name = format!("{color} {sheen}: {metallic}, {roughness}, {mu}");
+            let part = radiance(white.clone(), mu, MIDDLE, &[]) / MIDDLE;
+            assert!((part - 1.0).abs() < 0.01, "{part} of the light: {name}");
+            let around = (0.0, Some(Arc::clone(&environment)));
+            let part = radiance_in(white, mu, around, &[]) / MIDDLE;
+            assert!((part - 1.0).abs() < 0.01, "{part} of the map's light: {name}");
+        }
+    }
+}
+
+/// Lights all around a plate that stand for a radiance of `around` from everywhere.
+fn even_lights(around: f64) -> Vec<(DVec3, f64)> {
+    const STEPS: usize = 48;
+    let solid_angle = 2.0 * PI / (STEPS * STEPS) as f64;
+    let toward = |(i, j): (usize, usize)| {
+        let z = (i as f64 + 0.5) / STEPS as f64;
+        let (sin, cos) = (2.0 * PI * (j as f64 + 0.5) / STEPS as f64).sin_cos();
+        DVec3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z)
+    };
+    let places = (0..STEPS).flat_map(|i| (0..STEPS).map(move |j| (i, j)));
+    places.map(|at| (toward(at), around * solid_angle)).collect()
+}
+
+#[test]
+fn lights_on_a_sheen_are_never_more_than_there_is() {
+    for roughness in [0.3, 0.6, 1.0] {
+        for mu in [0.9, 0.4, 0.15] {
+            let white = furred(material(1.0, 0.0, 1.0), 1.0, roughness);
+            let part = radiance(white, mu, 0.0, &even_lights(MIDDLE)) / MIDDLE;
+            // The lesser of both directions' shares passes to what is below: at most a fifth of
+            // all light is lost so.
+            assert!((0.8..1.01).contains(&part), "{part} of the light: {roughness}, {mu}");
+        }
+    }
+}
+
+#[test]
+fn a_light_is_reflected_by_a_sheen_and_what_is_below() {
+    for (color, rough) in [(1.0, 0.3), (1.0, 0.7), (0.4, 0.5), (0.8, 1.0)] {
+        for (toward, mu) in poses() {
+            for (base, roughness) in [(0.9, 0.7), (0.3, 0.5), (0.0, 0.4)] {
+                let [fur, sheen] = [color, rough].map(f64::from);
+                let taken = |cos| fur * sheen_albedo::tests::integrated(cos, sheen);
+                let below = specular_brdf([1.5, 1.0, 1.0], [base, roughness], mu, toward);
+                let passed = (1.0 - taken(mu)).min(1.0 - taken(toward.z));
+                let above = fur * sheen_albedo::tests::fibres(sheen, aslant(mu), toward);
+                let part = (below * passed + above) * toward.z / PI;
+                if part < 1e-3 {
+                    continue;
+                }
+                let of = furred(material(base, 0.0, roughness), color, rough);
+                let got = radiance(of, mu, 0.0, &[(toward, MIDDLE / part)]);
+                let name = format!("{color} {rough}: base {base}, {roughness}, {mu}");
+                assert!((got / MIDDLE - 1.0).abs() < 0.01, "{got} instead of {MIDDLE}: {name}");
+            }
+        }
     }
 }

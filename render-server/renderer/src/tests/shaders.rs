@@ -39,9 +39,9 @@ fn interfaces() -> impl Iterator<Item = Interface> {
 
 /// All sets of extensions.
 fn extension_sets() -> impl Iterator<Item = ExtensionSet> {
-    (0..4u32).map(|bits| {
+    (0..8u32).map(|bits| {
         let bit = |at: u32| bits >> at & 1 == 1;
-        ExtensionSet { specular: bit(0), clearcoat: bit(1) }
+        ExtensionSet { specular: bit(0), clearcoat: bit(1), sheen: bit(2) }
     })
 }
 
@@ -158,5 +158,5 @@ fn uniforms_match_their_twins() {
         highlight,
         uv_transforms
     );
-    twin!("Extension", ExtensionUniform, uv_transforms, specular, clearcoat);
+    twin!("Extension", ExtensionUniform, uv_transforms, specular, clearcoat, sheen);
 }

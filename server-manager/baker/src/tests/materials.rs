@@ -63,6 +63,11 @@ fn numbers_of_a_wrong_kind_are_refused_with_their_place() {
         ),
         ("KHR_materials_pbrSpecularGlossiness", json!(3), "KHR_materials_pbrSpecularGlossiness"),
         (
+            "KHR_materials_sheen",
+            json!({ "sheenColorFactor": [1, 1, "red"] }),
+            "KHR_materials_sheen.sheenColorFactor[2]",
+        ),
+        (
             "KHR_materials_clearcoat",
             json!({ "clearcoatFactor": 1, "clearcoatNormalTexture": { "scale": 1 } }),
             "KHR_materials_clearcoat.clearcoatNormalTexture",
@@ -193,4 +198,44 @@ fn a_normal_map_of_a_clear_coat_gets_tangents() {
     let normals = coat.normal_texture.expect("normals");
     assert_eq!(normals.uv_transform.translation.x, 0.5);
     assert!(scene.textures.iter().all(|of| of.format == TextureFormat::Rgba8Linear));
+}
+
+#[test]
+fn a_sheen_is_read_and_brought_to_its_range() {
+    for (read, wanted) in [
+        (json!({}), None),
+        (json!({ "sheenColorFactor": [0, 0, -1], "sheenRoughnessFactor": 1 }), None),
+        (json!({ "sheenColorFactor": [0, 0.5, 0] }), Some((Vec3::Y * 0.5, 0.0))),
+        (
+            json!({ "sheenColorFactor": [7, 1, 0], "sheenRoughnessFactor": 1e39 }),
+            Some((Vec3::new(1.0, 1.0, 0.0), 1.0)),
+        ),
+    ] {
+        let name = read.to_string();
+        let extensions = json!({ "KHR_materials_sheen": read });
+        let (_place, baked, scene) = bake_builder(&quad(&json!({ "extensions": extensions })));
+        let sheen = scene.materials[0].extensions.as_ref().and_then(|of| of.sheen.clone());
+        assert_eq!(sheen.map(|of| (of.color, of.roughness)), wanted, "{name}");
+        assert!(baked.warnings.is_empty(), "{name}: {:?}", baked.warnings);
+    }
+}
+
+#[test]
+fn textures_of_extensions_beyond_those_that_shaders_hold_are_left_out_with_a_note() {
+    let texture = |index: u32| json!({ "index": index });
+    let mut builder = quad(&json!({ "extensions": {
+        "KHR_materials_specular": {
+            "specularTexture": texture(0), "specularColorTexture": texture(1) },
+        "KHR_materials_clearcoat": { "clearcoatFactor": 1, "clearcoatTexture": texture(2),
+            "clearcoatRoughnessTexture": texture(3) },
+        "KHR_materials_sheen": { "sheenColorFactor": [1, 1, 1],
+            "sheenColorTexture": texture(4), "sheenRoughnessTexture": texture(5) } } }));
+    for shade in 0..6 {
+        builder.image(&png(2, 2, |_, _| [shade, 9, 9, 255]));
+    }
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert!(baked.warnings[0].contains("more than 5"), "{:?}", baked.warnings);
+    let extensions = scene.materials[0].extensions.as_ref().expect("there");
+    assert_eq!(extensions.distinct_textures().len(), 5);
+    assert!(extensions.sheen.as_ref().is_some_and(|of| of.roughness_texture.is_none()));
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 /// A scene of this name, as a bake gives it.
 fn imported(name: &str) -> ImportedScene {
     let scene = SceneRef { name: name.into(), manifest: BlobHash::of(name.as_bytes()) };
-    let summary = SceneSummary { name: name.into(), ..ClusterFixture::imported().summary };
+    let summary = SceneSummary { name: name.into(), ..*ClusterFixture::imported().summary };
     ImportedScene::of_file(scene, summary, Arc::default())
 }
 
