@@ -191,15 +191,15 @@ fn shapes_are_added_by_words() {
     local.run(&["node", "remove", "crate"]).succeeded();
     check("removed", &picture(&local), &before, &IDENTICAL);
     // What of a file is not drawn is said as it is of a scene.
-    let coated = flag().with(|gltf| {
+    let glass = flag().with(|gltf| {
         gltf.json["materials"][0]["extensions"] =
-            json!({ "KHR_materials_clearcoat": { "clearcoatFactor": 1 } });
+            json!({ "KHR_materials_dispersion": { "dispersion": 1 } });
     });
-    local.place.write("coated.glb", coated.glb());
-    let note = "materials: 1 is drawn without KHR_materials_clearcoat";
-    let said = local.run(&["scene", "import", "coated.glb"]).succeeded();
+    local.place.write("glass.glb", glass.glb());
+    let note = "materials: 1 is drawn without KHR_materials_dispersion";
+    let said = local.run(&["scene", "import", "glass.glb"]).succeeded();
     assert_eq!(said.lines().last(), Some(format!("note: {note}").as_str()), "{said}");
-    let said = local.run(&["scene", "import", "coated.glb", "--json"]).succeeded();
+    let said = local.run(&["scene", "import", "glass.glb", "--json"]).succeeded();
     let said: serde_json::Value = serde_json::from_str(&said).expect("JSON");
     assert_eq!(said["notes"], json!([note]));
     local.run(&["scene", "import", "none.glb"]).failed(&["none.glb", "not found"]);
