@@ -106,9 +106,9 @@ pub use polyptych_protocol::walk_query::{
     Touched, WAY_POINTS_MAX, WalkEnd, WalkQuery, WalkedWay, Walker,
 };
 pub use polyptych_scene::{
-    AlphaMode, Attribute, Bounds, Clearcoat, Edit, Facing, Fill, Highlight, Light, LightKind,
-    Material, MaterialExtensions, NewNode, NodeId, NodeStyle, SceneFeatures, SceneSubset, Shading,
-    Sheen, Specular, TextureRef, ToneMapper, Topology, provisional_asset,
+    AlphaMode, Attribute, Bounds, CAMERA_KEY, Clearcoat, Edit, Facing, Fill, Highlight, Light,
+    LightKind, Material, MaterialExtensions, NewNode, NodeId, NodeStyle, SceneFeatures,
+    SceneSubset, Shading, Sheen, Specular, TextureRef, ToneMapper, Topology, provisional_asset,
 };
 pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;

@@ -1,5 +1,6 @@
 //! A camera that follows a node of the open scene.
 
+use glam::DVec3;
 use polyptych_scene::NodeId;
 use polyptych_wall::camera::Camera;
 use serde::{Deserialize, Serialize};
@@ -18,4 +19,14 @@ pub struct Follow {
     /// Radians in a second of scene time by which the camera goes around the node, about the Y of
     /// the same axes: counterclockwise as seen from above. 0 stays.
     pub orbit_rad_per_s: f64,
+}
+
+impl Follow {
+    /// The camera with the eye, a point of display space in metres, at the origin of a node, which
+    /// looks along the node's −Z as glTF's cameras do, and moves and turns with it. `scale` is in
+    /// world units per metre.
+    pub fn standing_at(node: NodeId, eye: DVec3, scale: f64) -> Self {
+        let camera = Camera::IDENTITY.with_scale(scale).with_eye_at(eye, DVec3::ZERO);
+        Self { node, camera: Some(camera), is_turning: true, orbit_rad_per_s: 0.0 }
+    }
 }

@@ -1,5 +1,7 @@
 //! `polyptych camera`: where the camera of a running wall is, and how it moves.
 
+mod author;
+
 use std::process::ExitCode;
 
 use anyhow::bail;
@@ -52,6 +54,10 @@ pub(super) enum CameraCommand {
     Walk(WalkArguments),
     /// Move with a node of the scene, until the camera is placed otherwise
     Follow(FollowArguments),
+    /// Stand where a camera of the scene's author stands, until the camera is placed otherwise
+    Author(author::AuthorArguments),
+    /// List the cameras of the scene's author
+    List(author::ListArguments),
     /// Stay where the camera is: ends a walk, a tour, and the following of a node
     Stay {
         #[command(flatten)]
@@ -129,6 +135,8 @@ pub(super) fn run(command: &CameraCommand) -> anyhow::Result<ExitCode> {
         }
         CameraCommand::Walk(arguments) => return walk(arguments),
         CameraCommand::Follow(arguments) => return follow(arguments),
+        CameraCommand::Author(arguments) => return author::author(arguments),
+        CameraCommand::List(arguments) => return author::list(arguments),
         CameraCommand::Stay { manager } => {
             let client = manager.connect()?;
             client.stop_tour()?;

@@ -126,6 +126,8 @@ const EXAMPLES: &[(&str, &[&str])] = &[
             "polyptych camera follow lighthouse --orbit 10",
         ],
     ),
+    ("camera author", &["polyptych camera author", "polyptych camera author /deck/Bridge"]),
+    ("camera list", &["polyptych camera list"]),
     ("camera stay", &["polyptych camera stay"]),
     (
         "eye",

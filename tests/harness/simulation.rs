@@ -74,7 +74,8 @@ impl Simulation {
             Signal::INT => signals::send_to_group(self.process.pid(), signal),
             _ => self.process.signal(signal),
         }
-        let finished = self.process.finish(wait::SOON);
+        // A run that has drawn writes its pictures first, which is not quick on a busy machine.
+        let finished = self.process.finish(wait::LIMIT);
         // Before the program listens for signals, the system ends it in its own way.
         let is_ended = finished.code() == 130 || finished.code() == 128 + signal.as_raw();
         assert!(is_ended, "{signal:?} {when}: {}: {}", finished.code(), finished.output);

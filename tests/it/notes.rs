@@ -9,18 +9,18 @@ use crate::harness::scenes::Gltf;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
 
-/// A triangle with a camera that is not used and an extension whose name would move a cursor.
+/// A triangle beside a scene that is not shown, and an extension whose name would move a cursor.
 fn scene() -> Gltf {
     Gltf::triangle().with(|file| {
         file.json["extensionsUsed"] = json!(["ACME_shimmer\u{1b}[2J"]);
-        file.json["cameras"] = json!([{ "type": "perspective" }]);
+        file.json["scenes"] = json!([{ "nodes": [0] }, {}]);
     })
 }
 
 /// That these lines say both things that are not drawn, and move no cursor.
 #[track_caller]
 fn check_notes(notes: &[String]) {
-    for part in ["camera", "ACME_shimmer\\u{1b}[2J"] {
+    for part in ["scenes: 1, not shown", "ACME_shimmer\\u{1b}[2J"] {
         assert!(notes.iter().any(|note| note.contains(part)), "{part}: {notes:?}");
     }
     assert!(!notes.iter().any(|note| note.contains('\u{1b}')), "{notes:?}");
@@ -48,7 +48,7 @@ fn notes_reach_open_status_log_and_client_and_outlive_a_manager() {
         check_notes(&client.open_scene("shimmer.glb").expect("opened").notes);
     }
     check_notes(&client.status().expect("a status").notes);
-    local.manager.await_line(&["WARN", "camera"]);
+    local.manager.await_line(&["WARN", "scenes: 1"]);
     check_notes(&noted(&local.run(&["open", "shimmer.glb"]).output));
     local.manager.kill();
     let LocalWall { place, address, .. } = local;

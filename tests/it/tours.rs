@@ -6,7 +6,7 @@ use std::path::Path;
 
 use image::RgbaImage;
 use rustix::process::Signal;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small};
 use crate::harness::place::TestDir;
@@ -139,6 +139,62 @@ fn begin_film(local: &LocalWall, arguments: &[&str], folder: &Path) -> (Process,
     wait::until("some frames", || (files() > 3).then_some(()));
     film.signal(Signal::STOP);
     (film, files())
+}
+
+/// A camera on a mast that leans by a quarter turn, and another whose name its node has not.
+fn scene_with_cameras() -> Gltf {
+    Gltf::triangle().with(|file| {
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        file.json["nodes"] = json!([
+            { "mesh": 0, "children": [1] },
+            { "name": "mast", "translation": [1, 2, 3], "rotation": [0, half, 0, half],
+              "scale": [2, 2, 2], "children": [2] },
+            { "name": "Bridge", "translation": [0, 0.5, 0], "camera": 0 },
+            { "translation": [0, 9, 0], "camera": 1 },
+        ]);
+        file.json["scenes"] = json!([{ "nodes": [0, 3] }]);
+        file.json["cameras"] = json!([
+            { "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.1 } },
+            { "name": "From above", "type": "orthographic",
+              "orthographic": { "xmag": 1, "ymag": 1, "zfar": 9, "znear": 0 } },
+        ]);
+    })
+}
+
+#[test]
+fn the_camera_stands_where_a_camera_of_the_file_does_and_moves_with_it() {
+    let local = wall();
+    local.run(&["camera", "author"]).failed(&["no camera of its own", "look-at"]);
+    assert!(local.run(&["camera", "list"]).succeeded().contains("no cameras"));
+    local.place.write("cameras.glb", scene_with_cameras().glb());
+    assert!(!local.run(&["open", "cameras.glb"]).succeeded().contains("note:"));
+    let list = local.run(&["camera", "list", "--json"]).succeeded();
+    let list: Value = serde_json::from_str(&list).expect("JSON");
+    assert_eq!(list[0]["name"], "Bridge");
+    assert_eq!(list[0]["position"], json!([1.0, 3.0, 3.0]));
+    assert_eq!(list[1]["camera"], "From above: orthographic, 2 units high");
+    let client = local.client();
+    let eye = client.wall().expect("a wall").eye;
+    let stands_at = |position: DVec3, ahead: DVec3| {
+        let camera = client.presentation().expect("a presentation").camera;
+        let (at, to) = (camera.world_from_display(eye), camera.rotation * DVec3::NEG_Z);
+        assert!(at.distance(position) < 1e-9 && to.distance(ahead) < 1e-9, "{at} {to}");
+        assert!((camera.scale - 2.5).abs() < 1e-12, "the scale is the user's");
+    };
+    local.run(&["camera", "look-at", "0,0,9", "0,0,0", "--scale", "2.5"]).succeeded();
+    for name in ["Bridge", "2", "mast/Bridge"] {
+        local.run(&["camera", "look-at", "0,0,9", "0,0,0", "--scale", "2.5"]).succeeded();
+        local.run(&["camera", "author", name]).succeeded();
+        // glTF's cameras look along −Z, which a quarter turn about Y makes −X.
+        stands_at(DVec3::new(1.0, 3.0, 3.0), DVec3::NEG_X);
+    }
+    local.run(&["node", "set", "mast", "position=5,2,3"]).succeeded();
+    stands_at(DVec3::new(5.0, 3.0, 3.0), DVec3::NEG_X);
+    local.run(&["camera", "author", "From above"]).succeeded();
+    stands_at(DVec3::new(0.0, 9.0, 0.0), DVec3::NEG_Z);
+    local.run(&["camera", "author"]).failed(&["several cameras", "2 (Bridge)"]);
+    local.run(&["camera", "author", "mast"]).failed(&["mast has no camera", "2 (Bridge)"]);
+    local.run(&["camera", "author", "stern"]).failed(&["stern", "no such node", "2 (Bridge)"]);
 }
 
 #[test]

@@ -53,7 +53,7 @@ pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 pub use motion::{Moment, Motion};
 pub use node_edits::NodeEdits;
 pub use node_extras::NodeExtras;
-pub use outline::{EditError, SceneOutline, check_attribute};
+pub use outline::{CAMERA_KEY, EditError, SceneOutline, check_attribute};
 pub use placed_nodes::{MovedPlace, PlacedNodes};
 pub use scene_edits::{AssetManifests, SceneEdits};
 pub use style::{Facing, Fill, Highlight, NodeStyle, Shading};

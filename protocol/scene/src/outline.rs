@@ -17,7 +17,7 @@ use crate::{Material, Scene, find_variant};
 
 mod values;
 
-pub use values::check_attribute;
+pub use values::{CAMERA_KEY, check_attribute};
 use values::{check_layer, check_light, check_text, check_transform};
 
 /// A scene without what it looks like: some bytes for each node.

@@ -13,6 +13,7 @@ use gltf::json;
 use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, SeqAccess, Visitor};
 
+use super::camera::Camera;
 use super::error::BakeError;
 use super::extensions::ExtensionUses;
 use super::numbers;
@@ -121,6 +122,7 @@ pub(super) struct Node {
     pub children: Vec<u32>,
     pub mesh: Option<u32>,
     pub skin: Option<u32>,
+    pub camera: Option<u32>,
     pub weights: Option<Vec<f64>>,
     #[serde(deserialize_with = "numbers::matrix")]
     pub matrix: Option<[f64; 16]>,
@@ -401,10 +403,6 @@ pub(super) struct AnimationSampler {
     #[serde(default)]
     pub interpolation: Option<String>,
 }
-
-/// Only counted.
-#[derive(Debug, Deserialize)]
-pub(super) struct Camera {}
 
 /// One of the top-level lists, for messages.
 pub(super) trait Listed {

@@ -22,10 +22,17 @@ pub(super) struct ExtrasList {
 }
 
 impl ExtrasList {
-    /// Adds what a node of the file says, which is at this place of the scene.
-    pub(super) fn add(&mut self, place: u32, node: &document::Node) {
+    /// Adds what a node of the file says, which is at this place of the scene. What it says of its
+    /// camera goes before an entry of that name.
+    pub(super) fn add(
+        &mut self,
+        place: u32,
+        node: &document::Node,
+        camera: Option<(String, Attribute)>,
+    ) {
         let is_hidden = !node.extensions.visibility.visible;
-        let attributes = self.attributes(&node.extras);
+        let mut attributes = BTreeMap::from_iter(camera);
+        self.add_attributes(&mut attributes, &node.extras);
         if is_hidden || !attributes.is_empty() {
             self.list.push(NodeExtras { node: place, is_hidden, attributes });
         }
@@ -36,26 +43,25 @@ impl ExtrasList {
         self.list.push(NodeExtras { node: place, is_hidden: true, attributes: BTreeMap::new() });
     }
 
-    fn attributes(&mut self, extras: &Value) -> BTreeMap<String, Attribute> {
+    fn add_attributes(&mut self, attributes: &mut BTreeMap<String, Attribute>, extras: &Value) {
         let whole;
         let entries: Box<dyn Iterator<Item = (&String, &Value)>> = match extras {
-            Value::Null => return BTreeMap::new(),
+            Value::Null => return,
             Value::Object(entries) => Box::new(entries.iter()),
             other => {
                 whole = WHOLE_KEY.to_owned();
                 Box::new(std::iter::once((&whole, other)))
             }
         };
-        let mut attributes = BTreeMap::new();
         for (key, value) in entries {
             let Some(value) = attribute(value) else { continue };
-            if check_attribute(Some(&attributes), key, Some(&value)).is_ok() {
+            let is_free = !attributes.contains_key(key);
+            if is_free && check_attribute(Some(attributes), key, Some(&value)).is_ok() {
                 attributes.insert(key.clone(), value);
             } else {
                 self.left_out += 1;
             }
         }
-        attributes
     }
 
     /// Returns what fits into a scene; notes what does not. Hidden nodes go before attributes.

@@ -16,6 +16,7 @@ mod accessor;
 mod animation;
 mod bake_cache;
 mod bounds;
+mod camera;
 mod compressed;
 mod container;
 mod deformation;
@@ -77,7 +78,7 @@ use source::GltfSource;
 use variants::ReplacedMaterials;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 12;
+const BAKER_VERSION: u32 = 13;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.
@@ -347,7 +348,6 @@ impl BakeJob<'_> {
             self.warn(&note);
         }
         let counts = [
-            ("cameras", document.cameras.len(), "not used: the wall has a camera of its own"),
             ("scenes", document.scenes.len().saturating_sub(1), "not shown beside the one that is"),
             ("COLOR_1", document.further_colors(), "not drawn: a part has one set of colours"),
         ];

@@ -14,7 +14,7 @@ use super::document::{self, Instancing};
 use super::error::BakeError;
 use super::extras::ExtrasList;
 use super::mesh_use::{Meshes, SkinnedPlace};
-use super::{BakeJob, uri};
+use super::{BakeJob, camera, uri};
 
 /// How far the last row of a matrix may be from 0, 0, 0, 1.
 const AFFINE_TOLERANCE: f64 = 1e-5;
@@ -69,7 +69,8 @@ pub(super) fn read(job: &mut BakeJob<'_>, clips: &ClipTargets) -> Result<Placed,
         let place = placed.nodes.len() as u32;
         let mut made = convert(job, node, index, parent, instances_left)?;
         instances_left -= made.instances.len();
-        placed.extras.add(place, node);
+        let camera = camera::attribute(job, index, node);
+        placed.extras.add(place, node, camera);
         let is_hidden = is_below_hidden || !node.extensions.visibility.visible;
         if let Some(mesh) = made.mesh.take_if(|_| node.skin.is_some()) {
             skinned.push(Skinned { node: index, mesh, place, is_hidden });

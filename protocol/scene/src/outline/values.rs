@@ -41,6 +41,10 @@ pub(super) fn check_text(what: &str, text: &str, bytes_max: usize) -> Result<(),
     Ok(())
 }
 
+/// The key of the attribute that tells of a camera of the author at a node: its name if it has
+/// one, its kind and what it shows.
+pub const CAMERA_KEY: &str = "camera";
+
 /// Checks an attribute for a node that has those which are known.
 ///
 /// # Errors

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use polyptych_scene::limits::{ATTRIBUTES_MAX, EXTRAS_BYTES_MAX};
-use polyptych_scene::{Attribute, NodeExtras, NodeId};
+use polyptych_scene::{Attribute, CAMERA_KEY, NodeExtras, NodeId};
 use serde_json::{Value, json};
 
 use super::bake_builder;
@@ -53,6 +53,37 @@ fn extras_of_nodes_are_their_attributes() {
     let first = edits.node(NodeId(1)).expect("edited");
     assert_eq!((first.is_hidden, &first.attributes), (true, &expected));
     assert_eq!(edits.nodes().count(), 2);
+}
+
+#[test]
+fn cameras_are_attributes_of_their_nodes() {
+    let mut builder = nodes(&json!([
+        { "mesh": 0, "camera": 0, "extras": { "camera": "mine", "lens": 35 } },
+        { "camera": 1 },
+        { "camera": 2 },
+        { "camera": 3 },
+    ]));
+    builder.json["scenes"][0]["nodes"] = json!([0, 1, 2, 3]);
+    let perspective = json!({ "yfov": std::f64::consts::FRAC_PI_4, "znear": 0.1 });
+    builder.json["cameras"] = json!([
+        { "name": "Front", "type": "perspective", "perspective": perspective },
+        { "type": "orthographic", "orthographic": { "xmag": 3, "ymag": 2, "zfar": 9, "znear": 0 } },
+        {},
+    ]);
+    let (_place, baked, scene) = bake_builder(&builder);
+    let camera = |of: &NodeExtras| match of.attributes.get(CAMERA_KEY) {
+        Some(Attribute::Text(text)) => (of.node, text.clone()),
+        other => panic!("{other:?}"),
+    };
+    let told: Vec<_> = scene.extras.iter().map(camera).collect();
+    let expected =
+        [(0, "Front: perspective, 45.0° high"), (1, "orthographic, 4 units high"), (2, "camera")];
+    assert_eq!(told, expected.map(|(node, text)| (node, text.to_owned())));
+    assert_eq!(scene.extras[0].attributes["lens"], Attribute::Number(35.0));
+    let [beyond, entry] = &baked.warnings[..] else { panic!("{:?}", baked.warnings) };
+    assert!(beyond.contains("nodes[3].camera") && beyond.contains("cameras[3]"), "{beyond}");
+    assert!(beyond.ends_with("the node has no camera"), "{beyond}");
+    assert_eq!(entry, "nodes: 1 value of extras are beyond the limits of attributes");
 }
 
 #[test]
