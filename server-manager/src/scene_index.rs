@@ -11,7 +11,7 @@ use polyptych_protocol::node_query::{
     NODE_TEXT_BYTES_MAX, NODES_MAX, NodeInfo, NodePage, NodeQuery,
 };
 use polyptych_scene::{
-    AssetManifests, Attribute, Bounds, Light, Mesh, MovedPlace, Node, NodeEdits, NodeId,
+    AssetManifests, Attribute, Bounds, FilePlace, Light, Mesh, MovedPlace, Node, NodeEdits, NodeId,
     NodeTraits, PlacedNodes, Primitive, Scene, SceneEdits, SceneSubset,
 };
 
@@ -154,9 +154,9 @@ impl SceneIndex {
         Ok(page)
     }
 
-    /// Parent space from the space of a node, as the scene's file has it.
-    pub fn file_place(&self, node: NodeId) -> Option<DAffine3> {
-        self.base.nodes.get(usize::try_from(node.0).ok()?).map(|node| node.local)
+    /// Where the scene's file has a node.
+    pub fn file_place(&self, node: NodeId) -> Option<FilePlace> {
+        FilePlace::of(&self.base, node)
     }
 
     /// The number of a node by its index.

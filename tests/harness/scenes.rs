@@ -92,6 +92,32 @@ impl Gltf {
         self
     }
 
+    /// Adds numbers of a component type to the buffer. Returns the index of their accessor.
+    pub fn accessor(&mut self, kind: &str, component: u32, count: usize, bytes: &[u8]) -> usize {
+        let Self { json, bin } = self;
+        bin.resize(bin.len().next_multiple_of(4), 0);
+        let view = json!({ "buffer": 0, "byteOffset": bin.len(), "byteLength": bytes.len() });
+        bin.extend_from_slice(bytes);
+        let views = json["bufferViews"].as_array_mut().expect("a list");
+        views.push(view);
+        let view = views.len() - 1;
+        let accessors = json["accessors"].as_array_mut().expect("a list");
+        accessors.push(json!({ "bufferView": view, "componentType": component, "count": count,
+            "type": kind }));
+        accessors.len() - 1
+    }
+
+    /// Adds numbers to the buffer. Returns the index of their accessor.
+    pub fn floats(&mut self, kind: &str, values: &[f32]) -> usize {
+        let width = match kind {
+            "SCALAR" => 1,
+            "VEC3" => 3,
+            _ => 4,
+        };
+        let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        self.accessor(kind, 5126, values.len() / width, &bytes)
+    }
+
     /// As JSON, with the buffer in another file.
     pub fn gltf(&self, uri: &str) -> Vec<u8> {
         let mut json = self.json.clone();

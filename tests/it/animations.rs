@@ -23,30 +23,6 @@ const TIMES: [f64; 4] = [0.0, 0.4, 1.1, 1.9];
 struct Moving(Gltf);
 
 impl Moving {
-    fn accessor(&mut self, kind: &str, component: u32, count: usize, bytes: &[u8]) -> usize {
-        let Gltf { json, bin } = &mut self.0;
-        bin.resize(bin.len().next_multiple_of(4), 0);
-        let view = json!({ "buffer": 0, "byteOffset": bin.len(), "byteLength": bytes.len() });
-        bin.extend_from_slice(bytes);
-        let views = json["bufferViews"].as_array_mut().expect("a list");
-        views.push(view);
-        let view = views.len() - 1;
-        let accessors = json["accessors"].as_array_mut().expect("a list");
-        accessors.push(json!({ "bufferView": view, "componentType": component, "count": count,
-            "type": kind }));
-        accessors.len() - 1
-    }
-
-    fn floats(&mut self, kind: &str, values: &[f32]) -> usize {
-        let width = match kind {
-            "SCALAR" => 1,
-            "VEC3" => 3,
-            _ => 4,
-        };
-        let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
-        self.accessor(kind, 5126, values.len() / width, &bytes)
-    }
-
     /// A strip of 8 squares that stands on the first of two joints; returns its attributes and
     /// indices.
     fn strip(&mut self) -> Value {
@@ -65,10 +41,10 @@ impl Moving {
             [at, at + 1, at + 2, at + 2, at + 1, at + 3]
         };
         let indices: Vec<u8> = (0..8).flat_map(square).flat_map(u16::to_le_bytes).collect();
-        let positions = self.floats("VEC3", &positions);
-        let joints = self.accessor("VEC4", 5121, 18, &joints);
-        let weights = self.floats("VEC4", &weights);
-        let indices = self.accessor("SCALAR", 5123, 48, &indices);
+        let positions = self.0.floats("VEC3", &positions);
+        let joints = self.0.accessor("VEC4", 5121, 18, &joints);
+        let weights = self.0.floats("VEC4", &weights);
+        let indices = self.0.accessor("SCALAR", 5123, 48, &indices);
         let attributes = json!({ "POSITION": positions, "JOINTS_0": joints, "WEIGHTS_0": weights });
         json!({ "attributes": attributes, "indices": indices, "material": 0 })
     }
@@ -80,7 +56,7 @@ impl Moving {
             "weights" => "SCALAR",
             _ => "VEC3",
         };
-        let (input, output) = (self.floats("SCALAR", times), self.floats(kind, values));
+        let (input, output) = (self.0.floats("SCALAR", times), self.0.floats(kind, values));
         let clips = self.0.json["animations"].as_array_mut().expect("a list");
         let clip = clips.last_mut().expect("a clip");
         let samplers = clip["samplers"].as_array_mut().expect("a list");
@@ -105,7 +81,7 @@ fn scene() -> Gltf {
     scene.0.json["materials"] = json!([{ "doubleSided": true,
         "pbrMetallicRoughness": { "baseColorFactor": [0.9, 0.5, 0.1, 1], "metallicFactor": 0 } }]);
     let strip = scene.strip();
-    let raised = scene.floats("VEC3", &[0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let raised = scene.0.floats("VEC3", &[0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0]);
     let meshes = scene.0.json["meshes"].as_array_mut().expect("a list");
     meshes[0]["primitives"][0]["targets"] = json!([{ "POSITION": raised }]);
     meshes[0]["primitives"][0]["material"] = json!(0);
@@ -127,7 +103,7 @@ fn scene() -> Gltf {
         |y: f32| [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, y, 0.0, 1.0];
     let binds: Vec<u8> =
         [down(0.0), down(-0.5)].concat().iter().flat_map(|number| number.to_le_bytes()).collect();
-    let binds = scene.accessor("MAT4", 5126, 2, &binds);
+    let binds = scene.0.accessor("MAT4", 5126, 2, &binds);
     scene.0.json["skins"] = json!([{ "joints": [3, 4], "inverseBindMatrices": binds }]);
     let turned = |angle: f32| [0.0, 0.0, (angle / 2.0).sin(), (angle / 2.0).cos()];
     scene.clip("bow");

@@ -153,6 +153,12 @@ fn scene_with_cameras() -> Gltf {
             { "translation": [0, 9, 0], "camera": 1 },
         ]);
         file.json["scenes"] = json!([{ "nodes": [0, 3] }]);
+        let times = file.floats("SCALAR", &[0.0, 10.0]);
+        let places = file.floats("VEC3", &[1.0, 2.0, 3.0, 11.0, 2.0, 3.0]);
+        file.json["animations"] = json!([{
+            "samplers": [{ "input": times, "output": places }],
+            "channels": [{ "sampler": 0, "target": { "node": 1, "path": "translation" } }],
+        }]);
         file.json["cameras"] = json!([
             { "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.1 } },
             { "name": "From above", "type": "orthographic",
@@ -168,6 +174,8 @@ fn the_camera_stands_where_a_camera_of_the_file_does_and_moves_with_it() {
     assert!(local.run(&["camera", "list"]).succeeded().contains("no cameras"));
     local.place.write("cameras.glb", scene_with_cameras().glb());
     assert!(!local.run(&["open", "cameras.glb"]).succeeded().contains("note:"));
+    local.run(&["animation", "pause"]).succeeded();
+    local.run(&["animation", "seek", "0"]).succeeded();
     let list = local.run(&["camera", "list", "--json"]).succeeded();
     let list: Value = serde_json::from_str(&list).expect("JSON");
     assert_eq!(list[0]["name"], "Bridge");
@@ -188,8 +196,12 @@ fn the_camera_stands_where_a_camera_of_the_file_does_and_moves_with_it() {
         // glTF's cameras look along −Z, which a quarter turn about Y makes −X.
         stands_at(DVec3::new(1.0, 3.0, 3.0), DVec3::NEG_X);
     }
-    local.run(&["node", "set", "mast", "position=5,2,3"]).succeeded();
-    stands_at(DVec3::new(5.0, 3.0, 3.0), DVec3::NEG_X);
+    local.run(&["node", "set", "mast", "position=6,2,3"]).succeeded();
+    stands_at(DVec3::new(6.0, 3.0, 3.0), DVec3::NEG_X);
+    // An animation of the file moves the camera with its node, from where that was put.
+    local.run(&["camera", "author", "Bridge"]).succeeded();
+    local.run(&["animation", "seek", "5"]).succeeded();
+    stands_at(DVec3::new(11.0, 3.0, 3.0), DVec3::NEG_X);
     local.run(&["camera", "author", "From above"]).succeeded();
     stands_at(DVec3::new(0.0, 9.0, 0.0), DVec3::NEG_Z);
     local.run(&["camera", "author"]).failed(&["several cameras", "2 (Bridge)"]);

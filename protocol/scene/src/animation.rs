@@ -284,6 +284,25 @@ impl NodePose {
         let Self { translation, rotation, scale, .. } = self;
         DAffine3::from_scale_rotation_translation(*scale, *rotation, *translation)
     }
+
+    /// Parent space from the space of a node that stands at `rest` in its file, and was put to
+    /// `still`: it moves from there.
+    pub(crate) fn local_from(&self, rest: DAffine3, still: DAffine3) -> DAffine3 {
+        if !self.is_moved {
+            return still;
+        }
+        edited_from_rest(rest, still).map_or_else(|| self.local(), |change| change * self.local())
+    }
+}
+
+/// Returns the edited transform of an animated node, seen from that at rest.
+fn edited_from_rest(rest: DAffine3, edited: DAffine3) -> Option<DAffine3> {
+    if edited == rest {
+        return None;
+    }
+    let change = edited * rest.inverse();
+    // One that was flat at rest cannot be told from where it was: it moves as in its file.
+    change.is_finite().then_some(change)
 }
 
 impl Animations {

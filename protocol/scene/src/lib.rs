@@ -9,6 +9,7 @@ pub mod deformation;
 mod edit;
 pub mod environment_map;
 mod features;
+mod file_place;
 pub mod glb;
 mod layers;
 mod level_cut;
@@ -43,6 +44,7 @@ pub use edit::{
 };
 pub use environment_map::EnvironmentMap;
 pub use features::SceneFeatures;
+pub use file_place::FilePlace;
 pub use layers::{Layers, NodeTraits, SceneSubset};
 pub use level_cut::{CUTS_MAX, LevelCut};
 pub use material::{AlphaMode, Material, TextureRef};

@@ -52,8 +52,8 @@ enum Above {
 enum Moves {
     /// Not at all.
     Never,
-    /// The way of an animated node, by its index; as seen from where it was put.
-    Animated(usize, Option<DAffine3>),
+    /// The way of an animated node, by its index, and its place in the file.
+    Animated(usize, DAffine3),
     /// The way of the joints of a deformation, by its index.
     Joints(usize),
 }
@@ -85,26 +85,12 @@ pub struct Moment {
     pub shapes: Vec<Shape>,
 }
 
-/// Returns the edited transform of an animated node, seen from that at rest.
-fn edited_from_rest(rest: DAffine3, edited: DAffine3) -> Option<DAffine3> {
-    if edited == rest {
-        return None;
-    }
-    let change = edited * rest.inverse();
-    // One that was flat at rest cannot be told from where it was: it moves as in its file.
-    change.is_finite().then_some(change)
-}
-
 impl Moves {
     /// The transform of a node now.
     fn local(self, still: DAffine3, poses: &[NodePose], anchors: &[DVec3]) -> DAffine3 {
         match self {
             Self::Never => still,
-            Self::Animated(at, change) => match (&poses[at], change) {
-                (pose, _) if !pose.is_moved => still,
-                (pose, None) => pose.local(),
-                (pose, Some(change)) => change * pose.local(),
-            },
+            Self::Animated(at, rest) => poses[at].local_from(rest, still),
             Self::Joints(at) => DAffine3::from_translation(anchors[at]),
         }
     }
@@ -123,7 +109,7 @@ impl Motion {
         let mut tops: BTreeMap<u32, Moves> = BTreeMap::new();
         for (at, of) in base.animations.nodes.iter().enumerate() {
             if let Some(index) = placed.index_of(NodeId(of.node.into())) {
-                tops.insert(index, motion.animated(edits, at));
+                tops.insert(index, motion.animated(at));
             }
         }
         for (at, of) in base.deformations.iter().enumerate() {
@@ -137,11 +123,9 @@ impl Motion {
         Some(motion)
     }
 
-    fn animated(&self, edits: &SceneEdits, at: usize) -> Moves {
+    fn animated(&self, at: usize) -> Moves {
         let node = self.base.animations.nodes[at].node;
-        let rest = self.base.nodes[node as usize].local;
-        let edited = edits.local_of(&self.base, NodeId(node.into())).unwrap_or(rest);
-        Moves::Animated(at, edited_from_rest(rest, edited))
+        Moves::Animated(at, self.base.nodes[node as usize].local)
     }
 
     /// Adds the nodes that clips move, and all that hangs from them.
@@ -210,7 +194,7 @@ impl Motion {
             let local = edits.local_of(&self.base, NodeId(node.into())).unwrap_or(of_file);
             let animated = &self.base.animations.nodes;
             let at = animated.binary_search_by_key(&node, |of| of.node);
-            let moves = at.map_or(Moves::Never, |at| self.animated(edits, at));
+            let moves = at.map_or(Moves::Never, |at| self.animated(at));
             bones.push(Bone { parent, local, moves });
             parent = Some(bones.len() - 1);
             known.insert(node, bones.len() - 1);

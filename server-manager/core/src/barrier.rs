@@ -199,9 +199,9 @@ impl Cluster {
         }
         self.frame.0 += 1;
         let time_s = self.time_of(order.as_ref(), now);
+        self.advance_clips(order.as_ref(), time_s);
         self.follow_tour(order.as_ref(), time_s, now);
         self.follow_node(order.as_ref(), time_s, now);
-        self.advance_clips(order.as_ref(), time_s);
         // A picture that someone asked for is worth the longest wait; a channel that joins a wall
         // that moves is not, as it would hold up those who have warmed up long ago.
         let (length, longest) = (self.deadline.length(), self.deadline.longest());

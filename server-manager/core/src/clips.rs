@@ -107,6 +107,11 @@ impl PlayedClips {
         Self { clips: clips.iter().cloned().map(PlayedClip::new).collect(), given_s: 0.0 }
     }
 
+    /// Returns whether there are none.
+    pub(super) fn is_empty(&self) -> bool {
+        self.clips.is_empty()
+    }
+
     /// The clips that a frame shows.
     pub(super) fn times(&self) -> Vec<ClipTime> {
         let shown = (0..).zip(&self.clips).filter(|(_, of)| of.status.weight > 0.0);

@@ -1,4 +1,5 @@
 //! The camera as it follows a node: a function of where the node is in a frame, and of scene time.
+//! Clips move it as they move the node.
 //!
 //! ```text
 //! asked --places of the file are known--> moves with every frame --the node is gone--> over
@@ -13,7 +14,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::follow::Follow;
 use polyptych_protocol::request::{RequestError, Response};
-use polyptych_scene::NodeId;
+use polyptych_scene::{FilePlace, NodeId};
 use polyptych_wall::camera::Camera;
 use serde::{Deserialize, Serialize};
 
@@ -36,8 +37,8 @@ pub struct FollowedNode {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Following {
     node: FollowedNode,
-    /// Parent space from their space, as the scene's file has it.
-    places: BTreeMap<NodeId, DAffine3>,
+    /// Where the scene's file has nodes.
+    places: BTreeMap<NodeId, FilePlace>,
     /// Who waits until the place is known.
     waiter: Option<ClientRequest>,
 }
@@ -139,7 +140,7 @@ impl Cluster {
     pub(super) fn handle_places(
         &mut self,
         scene: BlobHash,
-        places: Result<Vec<(NodeId, DAffine3)>, String>,
+        places: Result<Vec<(NodeId, FilePlace)>, String>,
     ) {
         if self.shown.scene.as_ref().is_none_or(|shown| shown.manifest != scene) {
             return;
@@ -240,18 +241,24 @@ impl Cluster {
         self.following.as_ref().map(|following| following.node.follow.node)
     }
 
-    /// World space from the space of a node, in the state that frames name.
-    fn place_of(&self, node: NodeId, places: &BTreeMap<NodeId, DAffine3>) -> NodePlace {
+    /// World space from the space of a node, in the state that frames name, as clips move it now.
+    fn place_of(&self, node: NodeId, places: &BTreeMap<NodeId, FilePlace>) -> NodePlace {
         let (edits, mut unknown) = (&self.shown.edits, Vec::new());
         // A manager that has only begun may not know the scene yet.
         let Some(outline) = self.editing.outline() else { return NodePlace::Unknown(Vec::new()) };
         let Some(way) = outline.way_up(edits, node) else { return NodePlace::Gone };
+        let clips = self.clips.times();
         let mut world = DAffine3::IDENTITY;
         for node in way {
             let edited = edits.node(node);
+            let put = edited.and_then(|of| of.local);
             let made = edited.and_then(|of| of.created.as_ref()).map(|made| made.local);
-            let known = edited.and_then(|of| of.local).or(made);
-            match known.or_else(|| places.get(&node).copied()) {
+            let known = match places.get(&node) {
+                Some(place) => Some(place.local(put, &clips)),
+                // Where nothing moves by itself, what a node was put to is all that counts.
+                None => put.filter(|_| made.is_some() || self.clips.is_empty()).or(made),
+            };
+            match known {
                 Some(local) => world = local * world,
                 None => unknown.push(node),
             }

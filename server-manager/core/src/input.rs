@@ -1,13 +1,12 @@
 //! What the core is told: every `handle_*` call as a value that can be kept and told again.
 
-use glam::DAffine3;
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::handshake::ServerHello;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::Request;
 use polyptych_protocol::server_message::ServerMessage;
-use polyptych_scene::NodeId;
+use polyptych_scene::{FilePlace, NodeId};
 use serde::{Deserialize, Serialize};
 
 use super::{ClientRequest, Cluster, ImportedScene, Micros, SessionId};
@@ -86,8 +85,8 @@ pub enum Input {
     Places {
         /// The manifest of the open scene.
         scene: BlobHash,
-        /// The places of these nodes in its file, each in its parent's space.
-        places: Result<Vec<(NodeId, DAffine3)>, String>,
+        /// The places of these nodes in its file.
+        places: Result<Vec<(NodeId, FilePlace)>, String>,
     },
 }
 

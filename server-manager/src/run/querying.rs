@@ -4,15 +4,13 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use glam::DAffine3;
-
 use polyptych_core::{ClientRequest, Input, SessionId};
 use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::ids::{RequestId, Revision};
 use polyptych_protocol::node_query::{NearestQuery, NodeQuery, RayQuery, RegionQuery};
 use polyptych_protocol::request::{MessageToClient, RequestError, Response};
 use polyptych_protocol::walk_query::WalkQuery;
-use polyptych_scene::NodeId;
+use polyptych_scene::{FilePlace, NodeId};
 use tokio::sync::{Semaphore, mpsc};
 
 use super::EventLoop;
@@ -100,8 +98,8 @@ pub(super) struct Queries {
     is_placing: bool,
 }
 
-/// The places of nodes in the file of a scene, each in its parent's space.
-type Placed = (BlobHash, Result<Vec<(NodeId, DAffine3)>, String>);
+/// The places of nodes in the file of a scene.
+type Placed = (BlobHash, Result<Vec<(NodeId, FilePlace)>, String>);
 
 impl Queries {
     pub fn new(store: BlobStore) -> Self {
@@ -158,7 +156,7 @@ impl EventLoop {
                 let before = index.lock().unwrap_or_else(PoisonError::into_inner).clone();
                 let now = SceneIndex::new(before, &store, manifest, edits)?;
                 let place = |node| match now.file_place(node) {
-                    Some(local) => Ok((node, local)),
+                    Some(place) => Ok((node, place)),
                     None => Err(format!("the scene's file has no {node}")),
                 };
                 nodes.into_iter().map(place).collect()

@@ -3,7 +3,7 @@
 use super::*;
 use crate::animation::{AnimatedNode, Animations, Channel, Clip, Interpolation};
 use crate::deformation::Joint;
-use crate::{Edit, Node};
+use crate::{Edit, FilePlace, Node};
 use glam::DQuat;
 
 /// A hand that hangs from an arm, which hangs from a body, and a house beside them. The clip lifts
@@ -77,6 +77,24 @@ fn a_node_that_was_put_elsewhere_moves_from_there() {
     let motion = Motion::new(&base, &placed, &edits).expect("moves");
     let wanted = [(0, 20.0, 0.0), (1, 22.0, 0.5), (2, 23.0, 0.5), (3, -6.0, 0.0)];
     assert_eq!(places(&motion), wanted.map(|(at, x, y)| (at, DVec3::new(x, y, 0.0))));
+}
+
+#[test]
+fn a_single_node_stands_where_it_does_among_all() {
+    let base = scene();
+    let clips = [ClipTime { clip: 0, time_s: 0.25, weight: 0.5 }];
+    for edits in [SceneEdits::default(), edited([moved(1, 7.0), moved(2, 3.0)])] {
+        let mut world = DAffine3::IDENTITY;
+        for node in [0, 1, 2].map(NodeId) {
+            let place = FilePlace::of(&base, node).expect("of the file");
+            world *= place.local(edits.node(node).and_then(|of| of.local), &clips);
+        }
+        let moment = motion(&base, &edits).at(&clips);
+        let hand = moment.places.iter().find(|(index, ..)| *index == 2).expect("it moves");
+        assert_eq!((hand.2, world.translation.y), (world, 0.125));
+    }
+    assert_eq!(FilePlace::of(&base, NodeId(3)), Some(FilePlace::still(base.nodes[3].local)));
+    assert_eq!(FilePlace::of(&base, NodeId(4)), None);
 }
 
 #[test]

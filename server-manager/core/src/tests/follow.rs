@@ -3,9 +3,13 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use glam::{DAffine3, DQuat, DVec3};
+use polyptych_protocol::clip::ClipSummary;
 use polyptych_protocol::follow::Follow;
 use polyptych_protocol::transaction::Transaction;
-use polyptych_scene::{Edit, NewNode, NodeId};
+use polyptych_scene::{
+    AnimatedNode, AnimatedPath, Animations, Channel, Clip, Edit, FilePlace, Interpolation, NewNode,
+    Node, NodeId, Scene,
+};
 use polyptych_wall::camera::Camera;
 
 use super::editing::{DOOR, HOUSE, TREE, at, moving, outline};
@@ -21,7 +25,8 @@ impl ClusterFixture {
     fn place_nodes(&mut self) -> Vec<NodeId> {
         let nodes = self.cluster.unplaced_nodes();
         let scene = self.cluster.shown.scene.as_ref().expect("a scene").manifest;
-        let places = nodes.iter().map(|node| (*node, at(10.0 + node.0 as f64))).collect();
+        let place = |node: &NodeId| (*node, FilePlace::still(at(10.0 + node.0 as f64)));
+        let places = nodes.iter().map(place).collect();
         self.cluster.handle(self.now, Input::Places { scene, places: Ok(places) }).expect("told");
         self.read();
         nodes
@@ -83,6 +88,56 @@ fn the_camera_moves_in_the_frame_that_moves_the_node_or_what_it_hangs_from() {
     assert_eq!(stage.place_nodes(), [TREE]);
     near(stage.frame_at(3_000_000), door(23.0));
     assert!(stage.cluster.unplaced_nodes().is_empty());
+}
+
+#[test]
+fn the_camera_moves_with_a_node_that_a_clip_moves_at_the_time_of_the_frame() {
+    let mut stage = ClusterFixture::new(2);
+    stage.request(Request::OpenScene { path: "house.glb".into() });
+    let job = stage.imports.pop().expect("baked");
+    let slide = ClipSummary { name: "slide".into(), duration_s: 2.0, is_played: true };
+    let mut imported = ImportedScene { outline: outline(), ..ClusterFixture::imported() };
+    imported.summary.clips = vec![slide];
+    stage.cluster.handle_import(stage.now, job, Ok(imported));
+    stage.read();
+    stage.prepare_all();
+    // Put elsewhere, it moves from there: the place of its file counts too.
+    stage.edit(moving(HOUSE, 30.0));
+    stage.prepare_all();
+    stage.draw(&[0, 1], 0);
+    stage.request(Request::FollowNode(follow(DOOR)));
+    assert_eq!(stage.cluster.unplaced_nodes(), [DOOR, HOUSE]);
+    let file = sliding_house();
+    let place = |node| (node, FilePlace::of(&file, node).expect("of the file"));
+    let places = Ok([DOOR, HOUSE].map(place).to_vec());
+    let scene = stage.cluster.shown.scene.as_ref().expect("a scene").manifest;
+    stage.cluster.handle(stage.now, Input::Places { scene, places }).expect("told");
+    stage.read();
+    for (time_s, slid) in [(0.0, 0.0), (1.5, 3.0), (0.5, 1.0), (2.5, 1.0)] {
+        stage.frames.clear();
+        stage.request(Request::RenderFrame { camera: None, time_s: Some(time_s) });
+        stage.draw(&[0, 1], 0);
+        let [one, other] = [0, 1].map(|at| stage.frames[at].1.presentation.camera);
+        near(one, DVec3::new(31.0 + slid, 0.0, 2.0));
+        assert_eq!(one, other, "all displays have the same camera");
+    }
+}
+
+/// The file of a house that slides along X by 4 in 2 s, with its door 1 beside it.
+fn sliding_house() -> Scene {
+    let node = |parent, x| Node { parent, local: at(x), ..Node::default() };
+    let rest =
+        AnimatedNode { translation: DVec3::X * 10.0, scale: DVec3::ONE, ..AnimatedNode::default() };
+    let slide = Channel {
+        target: 0,
+        path: AnimatedPath::Translation,
+        interpolation: Interpolation::Linear,
+        times: vec![0.0, 2.0],
+        values: vec![10.0, 0.0, 0.0, 14.0, 0.0, 0.0],
+    };
+    let clip = Clip { name: "slide".into(), channels: vec![slide] };
+    let animations = Animations { clips: vec![clip], nodes: vec![rest] };
+    Scene { nodes: vec![node(None, 10.0), node(Some(0), 1.0)], animations, ..Scene::default() }
 }
 
 #[test]
