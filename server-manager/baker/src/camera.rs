@@ -34,17 +34,17 @@ struct Orthographic {
 impl Camera {
     /// What it is called, and what it shows: `Front: perspective, 37.8° high`.
     fn describe(&self) -> String {
-        let mut text = String::new();
-        if !self.name.is_empty() {
-            text = format!("{}: ", uri::shorten(&self.name));
-        }
-        text += &uri::shorten(self.kind.as_deref().unwrap_or("camera"));
-        match (self.perspective.yfov, self.orthographic.ymag) {
-            (Some(angle), None) => text += &format!(", {:.1}° high", angle.to_degrees()),
-            (None, Some(half)) => text += &format!(", {} units high", 2.0 * half),
-            _ => {}
-        }
-        text
+        let name = match self.name.as_str() {
+            "" => String::new(),
+            name => format!("{}: ", uri::shorten(name)),
+        };
+        let kind = uri::shorten(self.kind.as_deref().unwrap_or("camera"));
+        let extent = match (self.perspective.yfov, self.orthographic.ymag) {
+            (Some(angle), None) => format!(", {:.1}° high", angle.to_degrees()),
+            (None, Some(half)) => format!(", {} units high", 2.0 * half),
+            _ => String::new(),
+        };
+        name + &kind + &extent
     }
 }
 
