@@ -121,6 +121,8 @@ enum Command {
     Exposure(surroundings::ExposureArguments),
     /// Set how a running wall's light becomes what displays show, or say how
     Tone(surroundings::ToneArguments),
+    /// Lay fog over what cameras see
+    Fog(surroundings::FogArguments),
     /// Show a variant of the open scene, or list those of its file
     Variant(variant::Arguments),
     /// Say how a running wall stands
@@ -252,6 +254,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Environment(arguments) => surroundings::environment(&arguments),
         Command::Exposure(arguments) => surroundings::exposure(&arguments),
         Command::Tone(arguments) => surroundings::tone(&arguments),
+        Command::Fog(arguments) => surroundings::fog(&arguments),
         Command::Variant(arguments) => return variant::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Stop(arguments) => stop::run(&arguments),

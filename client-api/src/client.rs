@@ -13,7 +13,7 @@ use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{Pacing, Request, Response, StoppedServers};
-use polyptych_scene::ToneMapper;
+use polyptych_scene::{Fog, ToneMapper};
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
@@ -270,6 +270,15 @@ impl Client {
     /// [`ClientError`].
     pub async fn set_tone(&self, tone: ToneMapper) -> Result<(), ClientError> {
         self.done("set the tone mapper", Request::SetTone(tone)).await
+    }
+
+    /// Lays fog over all that cameras see, from the next frame on; `None` takes it away. Plans,
+    /// whose rays are parallel, have none.
+    ///
+    /// # Errors
+    /// [`ClientError`]; a number that no fog has.
+    pub async fn set_fog(&self, fog: Option<Fog>) -> Result<(), ClientError> {
+        self.done("set the fog", Request::SetFog(fog)).await
     }
 
     /// Bounds the error and the rate of pictures, from the next frame on and until it is set again.

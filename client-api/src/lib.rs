@@ -106,7 +106,7 @@ pub use polyptych_protocol::walk_query::{
     Touched, WAY_POINTS_MAX, WalkEnd, WalkQuery, WalkedWay, Walker,
 };
 pub use polyptych_scene::{
-    AlphaMode, Attribute, Bounds, CAMERA_KEY, Clearcoat, Edit, Facing, Fill, Highlight, Light,
+    AlphaMode, Attribute, Bounds, CAMERA_KEY, Clearcoat, Edit, Facing, Fill, Fog, Highlight, Light,
     LightKind, Material, MaterialExtensions, NewNode, NodeId, NodeStyle, SceneFeatures,
     SceneSubset, Shading, Sheen, Specular, TextureRef, ToneMapper, Topology, provisional_asset,
 };

@@ -1,6 +1,6 @@
 //! What the wall presents of its state: frames, the manager's memory and every status share it.
 
-use polyptych_scene::ToneMapper;
+use polyptych_scene::{Fog, ToneMapper};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
@@ -34,6 +34,9 @@ pub struct Presentation {
     /// The manager sets the exposure by what the wall shows.
     #[serde(default)]
     pub is_exposure_automatic: bool,
+    /// Fog between the eye and what it sees.
+    #[serde(default)]
+    pub fog: Option<Fog>,
 }
 
 impl Presentation {
@@ -49,6 +52,7 @@ impl Presentation {
             bounds: QualityBounds::FINEST,
             tone: ToneMapper::default(),
             is_exposure_automatic: false,
+            fog: None,
         }
     }
 

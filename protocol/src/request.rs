@@ -3,7 +3,7 @@
 //! Every request has exactly one answer, which carries its number.
 
 use bytes::Bytes;
-use polyptych_scene::{Bounds, SceneFeatures, ToneMapper};
+use polyptych_scene::{Bounds, Fog, SceneFeatures, ToneMapper};
 use polyptych_text::text_of_peer;
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
@@ -206,6 +206,8 @@ pub enum Request {
     ListVariants,
     /// Exposes the wall by what it shows, from the next frame on and until [`Self::SetExposure`].
     SetAutomaticExposure,
+    /// Lays fog over what cameras see, from the next frame on; `None` takes it away.
+    SetFog(Option<Fog>),
 }
 
 impl Request {
@@ -257,6 +259,7 @@ impl Request {
             Self::SetTone(_) => "set the tone mapper",
             Self::ListVariants => "list the variants",
             Self::SetAutomaticExposure => "set the automatic exposure",
+            Self::SetFog(_) => "set the fog",
         }
     }
 }

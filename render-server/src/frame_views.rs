@@ -77,6 +77,7 @@ impl ViewTransform {
             scissor: None,
             exposure: frame.presentation.exposure,
             tone: frame.presentation.tone,
+            fog: frame.presentation.fog,
             subset: SceneSubset { root: view.root.map(NodeId), layers: view.layers.clone() },
             allowed_error,
             has_shadows: number < SHADOWED_VIEWS_MAX,

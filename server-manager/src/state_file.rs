@@ -215,6 +215,7 @@ mod tests {
                 pattern: Some(TestPattern::Grid),
                 tone: polyptych_scene::ToneMapper::Aces,
                 is_exposure_automatic: true,
+                fog: Some(polyptych_scene::Fog::even(300.0)),
             },
             pace: Some(Pacing::Rate(60.0)),
             tunings: vec![(

@@ -59,6 +59,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     ),
     ("exposure", &["polyptych exposure -1.5", "polyptych exposure auto"]),
     ("tone", &["polyptych tone aces", "polyptych tone"]),
+    ("fog", &["polyptych fog 800", "polyptych fog 120 --height 1 --half 6", "polyptych fog none"]),
     ("variant", &["polyptych variant list", "polyptych variant Red", "polyptych variant none"]),
     ("pick", &["polyptych pick front 960,540", "polyptych pick front 100,80 --json"]),
     ("query ray", &["polyptych query ray 0,1.7,20 0,0,-1 --max 100"]),

@@ -1,9 +1,10 @@
-//! `polyptych environment`, `exposure` and `tone`: the light of a running wall.
+//! `polyptych environment`, `exposure`, `tone` and `fog`: the light of a running wall.
 
-use polyptych_client::{EnvironmentSource, ToneMapper};
+use polyptych_client::glam::DVec3;
+use polyptych_client::{EnvironmentSource, Fog, ToneMapper};
 use polyptych_text::printable;
 
-use super::remote::path_from_here;
+use super::remote::{path_from_here, point, positive};
 use super::{ManagerAddress, say};
 
 /// Limits of an exposure in stops: a factor of 2 to the power of this is far from all that a
@@ -101,6 +102,65 @@ pub(super) fn tone(arguments: &ToneArguments) -> anyhow::Result<()> {
         client.set_tone(tone)?;
     }
     say(format_args!("tone {}", client.presentation()?.tone.name()))
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct FogArguments {
+    /// How far one sees, in world units: 5 % of the light of a surface passes. Or "none". Without
+    /// it, say how it is
+    #[arg(value_name = "VISIBILITY|none", value_parser = visibility)]
+    visibility: Option<Visibility>,
+    /// The height, as Y in world units, at which one sees that far
+    #[arg(long, value_name = "Y", default_value_t = 0.0, allow_negative_numbers = true)]
+    height: f64,
+    /// Let half of it be left with each so many units above, and twice as much be below [default:
+    /// the same everywhere]
+    #[arg(long, value_name = "UNITS", value_parser = positive)]
+    half: Option<f64>,
+    /// The share of red, green and blue that it scatters, 0 to 1: R,G,B
+    #[arg(long, value_name = "R,G,B", value_parser = point, default_value = "1,1,1")]
+    color: DVec3,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+/// A fog that is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Visibility {
+    Unlimited,
+    Units(f64),
+}
+
+fn visibility(text: &str) -> Result<Visibility, String> {
+    match text {
+        "none" => Ok(Visibility::Unlimited),
+        _ => positive(text).map(Visibility::Units).map_err(|error| format!("{error}, or none")),
+    }
+}
+
+/// Lays fog over the wall or takes it away, or says how it is.
+pub(super) fn fog(arguments: &FogArguments) -> anyhow::Result<()> {
+    let client = arguments.manager.connect()?;
+    match arguments.visibility {
+        Some(Visibility::Unlimited) => client.set_fog(None)?,
+        Some(Visibility::Units(visibility)) => client.set_fog(Some(Fog {
+            visibility,
+            height: arguments.height,
+            half_height: arguments.half,
+            color: arguments.color.as_vec3().to_array(),
+        }))?,
+        None => {}
+    }
+    let Some(Fog { visibility, height, half_height, color: [r, g, b] }) =
+        client.presentation()?.fog
+    else {
+        return say("fog none");
+    };
+    let layer = match half_height {
+        Some(half) => format!(" at a height of {height}, half of it with each {half} above"),
+        None => String::new(),
+    };
+    say(format_args!("fog with a visibility of {visibility}{layer}, scatters {r},{g},{b}"))
 }
 
 #[cfg(test)]

@@ -179,6 +179,7 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
         scissor: None,
         exposure: 1.0,
         tone: polyptych_scene::ToneMapper::default(),
+        fog: None,
         subset: polyptych_scene::SceneSubset::default(),
         allowed_error: polyptych_renderer::AllowedError::NONE,
         has_shadows: false,

@@ -62,6 +62,7 @@ fn look(eye: DVec3, at: DVec3) -> ViewDesc {
         scissor: None,
         exposure: 1.0,
         tone: ToneMapper::default(),
+        fog: None,
         subset: SceneSubset::default(),
         allowed_error: AllowedError::NONE,
         has_shadows: false,

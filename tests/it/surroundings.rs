@@ -153,3 +153,29 @@ fn a_computed_sky_is_brighter_above_than_below_and_tone_mappers_differ() {
     client.set_tone(ToneMapper::Neutral).expect("set");
     check("neutral", &picture(&client), &seen[0], &IDENTICAL);
 }
+
+#[test]
+fn fog_hides_what_is_far_on_all_displays_until_it_is_taken_away() {
+    let local = wall();
+    let client = local.client();
+    client.open_scene("triangle.glb").expect("opened");
+    let clear = picture(&client);
+    assert_eq!(local.run(&["fog"]).succeeded(), "fog none");
+    let said = local.run(&["fog", "40", "--height", "-1", "--half", "2"]).succeeded();
+    assert!(said.contains("visibility of 40") && said.contains("half of it with each 2"), "{said}");
+    let layer = picture(&client);
+    assert_ne!(layer, clear);
+    // So dense that nothing is seen but the fog: all displays have one colour.
+    local.run(&["fog", "0.001"]).succeeded();
+    let dense = picture(&client);
+    assert!(dense.pixels().all(|pixel| pixel == dense.get_pixel(0, 0)));
+    for words in [["fog", "0"], ["fog", "NaN"], ["fog", "soon"]] {
+        let refused = local.run(&words);
+        assert_eq!(refused.code(), 2, "{}", refused.output);
+        assert!(refused.output.contains("or none"), "{}", refused.output);
+    }
+    local.run(&["fog", "9", "--color", "2,0,0"]).failed(&["0 to 1 of each colour"]);
+    assert!(picture(&client) == dense, "what is refused changes nothing");
+    local.run(&["fog", "none"]).succeeded();
+    check("without", &picture(&client), &clear, &IDENTICAL);
+}

@@ -2,7 +2,7 @@
 
 use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::quality_bounds::QualityBounds;
-use polyptych_scene::ToneMapper;
+use polyptych_scene::{Fog, ToneMapper};
 
 use super::{Client, wait};
 use crate::error::ClientError;
@@ -38,6 +38,14 @@ impl Client {
     /// [`ClientError`].
     pub fn set_tone(&self, tone: ToneMapper) -> Result<(), ClientError> {
         wait(self.inner.set_tone(tone))
+    }
+
+    /// Blocking version of [`crate::Client::set_fog`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_fog(&self, fog: Option<Fog>) -> Result<(), ClientError> {
+        wait(self.inner.set_fog(fog))
     }
 
     /// Blocking version of [`crate::Client::set_bounds`].

@@ -10,6 +10,7 @@ mod edit;
 pub mod environment_map;
 mod features;
 mod file_place;
+mod fog;
 pub mod glb;
 mod layers;
 mod level_cut;
@@ -45,6 +46,7 @@ pub use edit::{
 pub use environment_map::EnvironmentMap;
 pub use features::SceneFeatures;
 pub use file_place::FilePlace;
+pub use fog::Fog;
 pub use layers::{Layers, NodeTraits, SceneSubset};
 pub use level_cut::{CUTS_MAX, LevelCut};
 pub use material::{AlphaMode, Material, TextureRef};

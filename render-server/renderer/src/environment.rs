@@ -20,6 +20,7 @@ pub struct Environment {
     map: wgpu::TextureView,
     sampler: wgpu::Sampler,
     diffuse: wgpu::Buffer,
+    mean: Vec3,
 }
 
 impl Environment {
@@ -42,7 +43,13 @@ impl Environment {
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
-        Self { map: texture(gpu, map), sampler, diffuse: buffer }
+        Self { map: texture(gpu, map), sampler, diffuse: buffer, mean: map.diffuse[0].into() }
+    }
+
+    /// The mean of its radiance over all directions: all other terms of its diffuse light have a
+    /// mean of 0.
+    pub(crate) fn mean(&self) -> Vec3 {
+        self.mean
     }
 
     /// Its bindings of group 0, beside those of every frame.

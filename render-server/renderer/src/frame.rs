@@ -111,6 +111,7 @@ impl FrameResources {
         let views: Vec<ViewDesc> = views.iter().map(|view| fitted(scene, view)).collect();
         let sky = sky(scene, &views);
         let tone = views.first().map_or_else(ToneMapper::default, |view| view.tone);
+        let fog = views.iter().filter(|view| !view.is_parallel()).find_map(|view| view.fog);
         let mut shown = Vec::with_capacity(views.len());
         for view in views {
             let Some(rectangle) = view.rectangle(target.size()) else { continue };
@@ -130,6 +131,7 @@ impl FrameResources {
             shown,
             sky,
             tone,
+            fog,
             items,
             is_culling,
             depths,
@@ -298,7 +300,7 @@ impl FrameResources {
         gpu: &Gpu,
         (pipelines, shadows): (&Pipelines, &SunShadows),
         scene: &GpuScene,
-        (target, tone): (&Target, ToneMapper),
+        (target, tone, fog): (&Target, ToneMapper, bool),
     ) -> Result<(), DrawError> {
         let view = ViewDesc {
             eye_in_world: DVec3::ZERO,
@@ -309,6 +311,7 @@ impl FrameResources {
             scissor: None,
             exposure: 1.0,
             tone,
+            fog: None,
             subset: SceneSubset::default(),
             allowed_error: AllowedError::NONE,
             has_shadows: false,
@@ -319,7 +322,7 @@ impl FrameResources {
         self.records.push(InstanceRecord::default());
         let environment = scene.environment.is_some();
         let variant =
-            PipelineVariant { content: target.content(), tone, environment, is_light: false };
+            PipelineVariant { content: target.content(), tone, environment, fog, is_light: false };
         let background = self.background(gpu, scene, target, (variant, &[&view]));
         let with = (ready(pipelines, scene, variant)?, scene.environment.as_deref());
         let mut context = self.context(gpu, with, scene, vec![&view], &lists);

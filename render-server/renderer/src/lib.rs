@@ -66,7 +66,7 @@ pub use view::{AllowedError, ViewDesc};
 use std::time::{Duration, Instant};
 
 use pipeline::PipelineVariant;
-use polyptych_scene::ToneMapper;
+use polyptych_scene::{Fog, ToneMapper};
 use polyptych_wall::ShadowFilter;
 
 /// Why a frame was not drawn.
@@ -156,6 +156,7 @@ pub struct Renderer {
     occlusion: OcclusionCulling,
     /// That of the last frame, which the next scene is prepared for.
     tone: ToneMapper,
+    fog: Option<Fog>,
 }
 
 impl Renderer {
@@ -173,8 +174,8 @@ impl Renderer {
         let occlusion = OcclusionCulling::default();
         let enlarge = pass::enlarge::EnlargePass::new(gpu);
         let shadows = frame::SunShadows::new(gpu);
-        let tone = ToneMapper::default();
-        Ok(Self { samples, pipelines, frames, occluders, shadows, enlarge, occlusion, tone })
+        let (tone, fog) = (ToneMapper::default(), None);
+        Ok(Self { samples, pipelines, frames, occluders, shadows, enlarge, occlusion, tone, fog })
     }
 
     /// Sets when items that others hide are left out; no picture depends on it.
@@ -193,6 +194,11 @@ impl Renderer {
         self.tone
     }
 
+    /// The fog of the last frame, as the tone mapper.
+    pub fn fog(&self) -> Option<Fog> {
+        self.fog
+    }
+
     /// Samples per pixel.
     pub fn samples(&self) -> u32 {
         self.samples
@@ -209,7 +215,8 @@ impl Renderer {
     /// As [`Self::prepare`], for targets of this content.
     pub fn prepare_for(&mut self, gpu: &Gpu, scene: &GpuScene, content: ImageEncoding) {
         let environment = scene.environment.is_some();
-        let variant = PipelineVariant { content, tone: self.tone, environment, is_light: false };
+        let (tone, fog) = (self.tone, self.fog.is_some());
+        let variant = PipelineVariant { content, tone, environment, fog, is_light: false };
         self.pipelines.prepare(gpu, &scene.layout.keys, variant);
         if let Some(occluders) = &mut self.occluders {
             occluders.prepare(gpu, &scene.layout.keys);
@@ -223,7 +230,7 @@ impl Renderer {
                         gpu,
                         (&self.pipelines, &self.shadows),
                         scene,
-                        (&target, self.tone),
+                        (&target, tone, fog),
                     );
                     warmed.map_err(|error| error.to_string())
                 });
@@ -288,8 +295,8 @@ impl Renderer {
         begun: BegunFrame,
     ) -> Result<SubmittedFrame, DrawError> {
         let variant = begun.variant(scene, target.content());
-        self.tone = variant.tone;
-        self.pipelines.prepare_tone(gpu, &scene.layout.keys, variant);
+        (self.tone, self.fog) = (variant.tone, begun.fog());
+        self.pipelines.prepare_look(gpu, &scene.layout.keys, variant);
         let with = (&self.pipelines, self.occluders.as_ref(), &mut self.shadows);
         self.frames.submit(gpu, with, scene, target, begun)
     }

@@ -2,7 +2,6 @@
 
 use super::gpu::Gpu;
 use super::output_texture::ImageEncoding;
-use super::pipeline::PipelineVariant;
 use super::readback::read_texture;
 use super::scene::GpuScene;
 use super::target::Target;
@@ -37,10 +36,8 @@ impl Renderer {
         let content = ImageEncoding::Srgb;
         let mut target = Target::with_encoding(gpu, size, self.samples, true, content)
             .map_err(|error| DrawError::View { index: 0, reason: error.to_string() })?;
-        let environment = scene.environment.is_some();
-        let variant = PipelineVariant { content, tone: self.tone, environment, is_light: true };
-        self.pipelines.prepare(gpu, &scene.layout.keys, variant);
         let begun = self.frames.begin(gpu, None, scene, &mut target, views)?.of_light();
+        self.pipelines.prepare(gpu, &scene.layout.keys, begun.variant(scene, content));
         let with = (&self.pipelines, None, &mut self.shadows);
         let submitted = self.frames.submit(gpu, with, scene, &mut target, begun)?;
         self.frames.finish(gpu, &mut target, submitted)?;

@@ -81,12 +81,14 @@ pub(crate) struct PipelineVariant {
     pub tone: ToneMapper,
     /// Light comes from all around, by a map.
     pub environment: bool,
+    /// Fog lies between the eye and what it sees.
+    pub fog: bool,
     /// Into the float target, whatever the scene does.
     pub is_light: bool,
 }
 
-/// A pipeline of a key: float target, tone mapper, environment.
-type Built = (bool, ToneMapper, bool);
+/// A pipeline of a key: float target, tone mapper, environment, fog.
+type Built = (bool, ToneMapper, bool, bool);
 
 /// What of the bindings a pipeline has beside those of all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -109,13 +111,14 @@ impl PipelineKey {
 
     /// The pipeline of this key that a variant uses; several may use one.
     fn built(&self, variant: PipelineVariant) -> Built {
-        // What is tone-mapped later, unless it is highlighted.
-        let is_mapped = !self.linear || self.material.highlighted;
+        // What is tone-mapped later, unless it is highlighted, or shown as it is but for fog.
+        let is_mixed = self.material.highlighted || (variant.fog && !self.material.lit);
+        let is_mapped = !self.linear || is_mixed;
         let tone = if is_mapped { variant.tone } else { ToneMapper::default() };
-        (is_float(self, variant.content), tone, variant.environment)
+        (is_float(self, variant.content), tone, variant.environment, variant.fog)
     }
 
-    fn interface(&self, has_environment: bool) -> Interface {
+    fn interface(&self, has_environment: bool, fog: bool) -> Interface {
         let m = &self.material;
         let slots = [m.base_color, m.metallic_roughness, m.normal, m.occlusion, m.emissive];
         let has = |slot| slots.contains(&slot) || m.extensions.coordinates.contains(&slot);
@@ -128,7 +131,7 @@ impl PipelineKey {
         let environment = has_environment && m.lit;
         let (lamps, shadows) = (self.lamps && m.lit, self.has_shadows() && m.lit);
         let extensions = m.extensions.set;
-        Interface { attributes, lit: m.lit, lamps, shadows, environment, extensions }
+        Interface { attributes, lit: m.lit, lamps, shadows, environment, fog, extensions }
     }
 
     fn constants(&self, tone: ToneMapper) -> Vec<(&'static str, f64)> {
@@ -221,14 +224,15 @@ impl Pipelines {
         PipelineKey { shadows, linear: key.linear || variant.is_light, ..*key }
     }
 
-    /// Makes what is missing for another tone mapper, if the scene was prepared for one: a frame
-    /// brings it, and a state only what stays.
-    pub fn prepare_tone(&mut self, gpu: &Gpu, keys: &[PipelineKey], variant: PipelineVariant) {
-        let is_ready = |tone| {
-            let variant = PipelineVariant { tone, ..variant };
+    /// Makes what is missing for another tone mapper or fog, if the scene was prepared for one: a
+    /// frame brings them, and a state only what stays.
+    pub fn prepare_look(&mut self, gpu: &Gpu, keys: &[PipelineKey], variant: PipelineVariant) {
+        let is_ready = |(tone, fog)| {
+            let variant = PipelineVariant { tone, fog, ..variant };
             keys.iter().all(|key| self.get(key, variant).is_some())
         };
-        if !is_ready(variant.tone) && ToneMapper::ALL.into_iter().any(is_ready) {
+        let mut looks = ToneMapper::ALL.into_iter().flat_map(|tone| [(tone, false), (tone, true)]);
+        if !is_ready((variant.tone, variant.fog)) && looks.any(is_ready) {
             self.prepare(gpu, keys, variant);
         }
     }
@@ -243,9 +247,9 @@ impl Pipelines {
     }
 
     fn build(&mut self, gpu: &Gpu, key: &PipelineKey, built: Built) -> wgpu::RenderPipeline {
-        let (is_float, tone, has_environment) = built;
+        let (is_float, tone, has_environment, has_fog) = built;
         let blended = key.material.alpha == Alpha::Blend;
-        let interface = key.interface(has_environment);
+        let interface = key.interface(has_environment, has_fog);
         let layout = self.layouts.get(&key.layout_key(has_environment));
         let pass = if blended { transparent::SOURCE } else { opaque::SOURCE };
         let module = self.modules.entry((interface, blended)).or_insert_with(|| {

@@ -23,6 +23,8 @@ mod texture;
 
 use std::sync::Arc;
 
+use glam::Vec3;
+
 use crate::cull::FrustumPlanes;
 use crate::environment::Environment;
 use crate::gpu::Gpu;
@@ -91,6 +93,15 @@ impl GpuScene {
     /// Its surroundings, if not its own sky.
     pub fn environment(&self) -> Option<&Arc<Environment>> {
         self.environment.as_ref()
+    }
+
+    /// The radiance of a white fog: what comes from all around, and the light of suns, scattered
+    /// evenly over all directions. Lamps and shadows do not count.
+    pub(crate) fn scattered(&self, part: Selection) -> Vec3 {
+        let own = (self.layout.sky + self.layout.ground) * 0.5;
+        let around = self.environment.as_ref().map_or(own, |of| of.mean());
+        let suns = self.suns().iter().map(|sun| sun.on.color_in(sun.irradiance, part));
+        around + suns.sum::<Vec3>() / (4.0 * std::f32::consts::PI)
     }
 
     /// Returns the scene with its nodes, lights and materials as in another layout, but for what

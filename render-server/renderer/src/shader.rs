@@ -16,6 +16,7 @@ fn sun_visibility(sun: u32, position: vec3<f32>, normal: vec3<f32>) -> f32 {
     return 1.0;
 }
 ";
+const FOG: &str = include_str!("include/fog.wgsl");
 const SURFACE: &str = include_str!("include/surface.wgsl");
 const ENVIRONMENT: &str = include_str!("include/environment.wgsl");
 const ENVIRONMENT_LIGHT: &str = include_str!("include/environment_light.wgsl");
@@ -36,6 +37,8 @@ pub(crate) struct Interface {
     pub shadows: bool,
     /// Light comes from all around, by a map.
     pub environment: bool,
+    /// Fog lies between the eye and what it sees.
+    pub fog: bool,
     /// What extensions add to the material.
     pub extensions: ExtensionSet,
 }
@@ -80,6 +83,8 @@ impl Interface {
     fn has(self, name: &str) -> bool {
         match name {
             "lit" => self.lit,
+            "placed" => self.lit || self.fog,
+            "fog" => self.fog,
             "tangent" => self.attributes.tangent,
             "uv0" => self.attributes.uv0,
             "uv1" => self.attributes.uv1,
@@ -119,12 +124,19 @@ pub(crate) fn surface(interface: Interface, pass: &str) -> String {
     let [map, light] =
         if interface.environment { [ENVIRONMENT, ENVIRONMENT_LIGHT] } else { [""; 2] };
     let extension = interface.select(&interface.extensions.text());
-    [FRAME, map, &vertex, MATERIAL, &extension, shadow, &surface, light, TONE, pass].concat()
+    let fog = if interface.fog { FOG } else { "" };
+    [FRAME, map, &vertex, MATERIAL, &extension, shadow, fog, &surface, light, TONE, pass].concat()
 }
 
-/// A pass over the pixels behind everything, which show an environment.
-pub(crate) fn surroundings(pass: &str) -> String {
-    [FRAME, ENVIRONMENT, SCREEN, TONE, pass].concat()
+/// A pass over the pixels behind everything, which show an environment, or the sky behind fog.
+pub(crate) fn surroundings(pass: &str, has_environment: bool, has_fog: bool) -> String {
+    let map = if has_environment { ENVIRONMENT } else { "" };
+    let fog = if has_fog { FOG } else { "" };
+    let pass = select(pass, |name| match name {
+        "environment" => has_environment,
+        _ => name == "fog" && has_fog,
+    });
+    [FRAME, map, SCREEN, TONE, fog, &pass].concat()
 }
 
 /// A pass over the pixels of a picture.

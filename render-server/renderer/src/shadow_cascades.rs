@@ -164,6 +164,7 @@ impl Cascade {
             viewport: [0.0, 0.0, side, side],
             scissor: None,
             exposure: 1.0,
+            fog: None,
             tone: polyptych_scene::ToneMapper::default(),
             subset: camera.subset.clone(),
             allowed_error: AllowedError::NONE,

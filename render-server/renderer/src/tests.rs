@@ -4,6 +4,7 @@ mod correction;
 mod environment;
 mod extension_textures;
 mod extensions;
+mod fog;
 mod furnace;
 #[expect(dead_code, reason = "the render server's tests use the rest")]
 mod harness;

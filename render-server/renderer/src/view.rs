@@ -1,8 +1,8 @@
 //! What one picture is seen through, and what of it the shaders read.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec4};
-use polyptych_scene::{SceneSubset, ToneMapper};
+use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
+use polyptych_scene::{Fog, SceneSubset, ToneMapper};
 
 use super::cull::FrustumPlanes;
 use super::scene::{Bounds, GpuScene, LocalLight, Selection};
@@ -22,6 +22,12 @@ const DEPTH_MIN_M: f64 = 1e-3;
 
 /// The depth of a scene without known bounds, in units of the world.
 const DEPTH_UNKNOWN: f64 = 1e6;
+
+/// The logarithm of a density of fog that is none; see `fog_passed_from_afar` in `fog.wgsl`.
+const FOG_LOG_OF_NONE: f64 = -1e4;
+
+/// The largest logarithm of a density, either way, whose f32 has three digits behind the point.
+const FOG_LOG_MAX: f64 = 9000.0;
 
 /// One view of a scene onto a target.
 #[derive(Clone, Debug)]
@@ -47,6 +53,8 @@ pub struct ViewDesc {
     pub exposure: f32,
     /// The way from exposed light to what is shown; that of the first view counts for the frame.
     pub tone: ToneMapper,
+    /// Fog between the eye and what it sees; none where rays are parallel.
+    pub fog: Option<Fog>,
     /// The part of the scene that it shows.
     pub subset: SceneSubset,
     /// The error up to which coarser levels of detail are drawn.
@@ -84,8 +92,9 @@ pub(crate) struct FrameUniform {
     pub sky: [f32; 3],
     pub exposure: f32,
     pub ground: [f32; 3],
-    pub pad: f32,
+    pub fog_fall: f32,
     pub eye: [f32; 4],
+    pub fog: [f32; 4],
     pub suns: [DirectionalLightRecord; SUNS_MAX],
 }
 
@@ -209,13 +218,19 @@ impl ViewDesc {
         let eye =
             if self.is_parallel() { (-self.forward()).as_vec3().extend(0.0) } else { Vec4::W };
         let clip_from_eye: Mat4 = self.scaled_clip_from_eye().as_mat4();
+        let fog = self.fog.filter(|_| !self.is_parallel());
+        let color = fog.map_or(Vec3::ZERO, |fog| fog.color.into());
+        let fog_log = fog.map_or(FOG_LOG_OF_NONE, |fog| {
+            fog.log_density(self.eye_in_world.y).clamp(-FOG_LOG_MAX, FOG_LOG_MAX)
+        });
         FrameUniform {
             clip_from_eye: clip_from_eye.to_cols_array_2d(),
             sky: scene.layout.sky.to_array(),
             exposure: self.exposure,
             ground: scene.layout.ground.to_array(),
-            pad: 0.0,
+            fog_fall: fog.map_or(0.0, |fog| fog.fall()) as f32,
             eye: eye.to_array(),
+            fog: (color * scene.scattered(part)).extend(fog_log as f32).to_array(),
             suns,
         }
     }
@@ -264,7 +279,8 @@ impl ViewDesc {
             && self.view_from_world.is_finite()
             && self.clip_from_view.is_finite()
             && self.viewport.iter().all(|number| number.is_finite())
-            && self.exposure.is_finite();
+            && self.exposure.is_finite()
+            && self.fog.is_none_or(|fog| fog.fault().is_none());
         if !finite {
             return Some("a number in it is not finite".to_owned());
         }

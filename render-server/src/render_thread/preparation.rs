@@ -147,6 +147,7 @@ impl RenderThread {
             presentation: Presentation {
                 camera: state.warm_up,
                 tone: self.renderer.tone(),
+                fog: self.renderer.fog(),
                 ..Presentation::new(wall.head())
             },
             capture: false,

@@ -3,6 +3,7 @@
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Pacing, Request, RequestError, Response};
+use polyptych_scene::Fog;
 use polyptych_wall::limits::PATH_BYTES_MAX;
 use tracing::Level;
 
@@ -68,10 +69,11 @@ impl Cluster {
             Request::SetCamera(camera) => self.place_camera(checked_camera(camera)?),
             Request::SetHead(head) => self.set_head(head)?,
             Request::SetViews(views) => self.request_views(views)?,
-            Request::SetExposure(exposure) => self.set_exposure(exposure)?,
+            Request::SetExposure(_) | Request::SetTone(_) | Request::SetFog(_) => {
+                self.set_look(&request)?;
+            }
             Request::SetAutomaticExposure => self.set_automatic_exposure(now),
             Request::SetBounds(bounds) => self.set_bounds(bounds)?,
-            Request::SetTone(tone) => self.presentation.tone = tone,
             Request::SetEnvironment(source) => return self.set_environment(now, job, source),
             frame @ (Request::RenderFrame { .. }
             | Request::Capture { .. }
@@ -141,6 +143,24 @@ impl Cluster {
             return Err(format!("a rate is {low} to {high} frames per second, not {rate}"));
         }
         self.set_pace(Some(pace), now);
+        Ok(())
+    }
+
+    fn set_look(&mut self, request: &Request) -> Result<(), String> {
+        match *request {
+            Request::SetExposure(exposure) => self.set_exposure(exposure)?,
+            Request::SetTone(tone) => self.presentation.tone = tone,
+            Request::SetFog(fog) => self.set_fog(fog)?,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn set_fog(&mut self, fog: Option<Fog>) -> Result<(), String> {
+        if let Some(fault) = fog.and_then(|fog| fog.fault()) {
+            return Err(fault);
+        }
+        self.presentation.fog = fog;
         Ok(())
     }
 

@@ -138,6 +138,7 @@ impl Cluster {
             bounds,
             tone,
             is_exposure_automatic,
+            fog,
         } = memory.presentation;
         cluster.presentation.is_exposure_automatic = is_exposure_automatic;
         if exposure.is_finite() && exposure >= 0.0 {
@@ -177,6 +178,8 @@ impl Cluster {
         cluster.presentation.output_mode = output_mode;
         cluster.presentation.pattern = pattern;
         cluster.presentation.tone = tone;
+        // As a client's: one that cannot be is left out.
+        cluster.presentation.fog = fog.filter(|fog| fog.fault().is_none());
         if let Err(reason) = cluster.set_bounds(bounds) {
             tracing::warn!(reason, "the bounds that were remembered cannot be");
         }

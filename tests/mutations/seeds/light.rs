@@ -5,7 +5,7 @@ use polyptych_protocol::environment::{Environment, EnvironmentSource};
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::luminance::{FrameLuminance, LUMINANCE_COUNTS};
 use polyptych_protocol::request::Request;
-use polyptych_scene::ToneMapper;
+use polyptych_scene::{Fog, ToneMapper};
 use polyptych_wall::ChannelId;
 
 use super::messages::EPOCH;
@@ -22,11 +22,15 @@ pub fn lights() -> impl Iterator<Item = Request> {
         EnvironmentSource::Baked(environment()),
     ];
     let tones = ToneMapper::ALL.map(Request::SetTone);
-    sources
-        .into_iter()
-        .map(Request::SetEnvironment)
-        .chain(tones)
-        .chain([Request::SetAutomaticExposure])
+    sources.into_iter().map(Request::SetEnvironment).chain(tones).chain([
+        Request::SetAutomaticExposure,
+        Request::SetFog(None),
+        Request::SetFog(Some(fog())),
+    ])
+}
+
+pub fn fog() -> Fog {
+    Fog { height: -2.0, half_height: Some(15.0), color: [0.9, 1.0, 0.8], ..Fog::even(400.0) }
 }
 
 pub fn luminance() -> FrameLuminance {

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
-use polyptych_scene::ToneMapper;
+use polyptych_scene::{Fog, ToneMapper};
 
 use super::hidden_items::OccluderDepths;
 use super::submission::Submission;
@@ -26,6 +26,8 @@ pub struct BegunFrame {
     pub(super) sky: Vec3,
     /// The way to what is shown.
     pub(super) tone: ToneMapper,
+    /// Fog that views look through.
+    pub(super) fog: Option<Fog>,
     /// Items that all views may show.
     pub(super) items: usize,
     /// Items that others hide are left out.
@@ -46,12 +48,18 @@ impl BegunFrame {
         Self { sky: Vec3::ZERO, is_light: true, ..self }
     }
 
+    /// Fog that its views look through.
+    pub(crate) fn fog(&self) -> Option<Fog> {
+        self.fog
+    }
+
     /// The pipelines that it needs for a scene, onto pictures of this content.
     pub(crate) fn variant(&self, scene: &GpuScene, content: ImageEncoding) -> PipelineVariant {
         PipelineVariant {
             content,
             tone: self.tone,
             environment: scene.environment.is_some(),
+            fog: self.fog.is_some(),
             is_light: self.is_light,
         }
     }

@@ -9,7 +9,7 @@ use crate::target::Target;
 use crate::view::ViewDesc;
 
 impl FrameResources {
-    /// The pass that draws the surroundings, if the scene has any of its own.
+    /// The pass that draws the surroundings, if the scene has any of its own or lies in fog.
     pub(super) fn background(
         &mut self,
         gpu: &Gpu,
@@ -17,7 +17,9 @@ impl FrameResources {
         target: &Target,
         (variant, views): (PipelineVariant, &[&ViewDesc]),
     ) -> Option<BackgroundDraw> {
-        scene.environment.as_ref()?;
+        if scene.environment.is_none() && !variant.fog {
+            return None;
+        }
         let pass = self.background.get_or_insert_with(|| BackgroundPass::new(gpu));
         Some(pass.prepare(gpu, target, variant, views))
     }

@@ -12,9 +12,12 @@ struct Frame {
     sky: vec3<f32>,
     exposure: f32,
     ground: vec3<f32>,
-    pad: f32,
+    // The exponent by which fog thins per unit of height.
+    fog_fall: f32,
     // Homogeneous: the origin, or with w = 0 the direction to it where all rays are parallel.
     eye: vec4<f32>,
+    // Radiance of fog; w is the logarithm of its density at the eye.
+    fog: vec4<f32>,
     suns: array<Sun, 4>,
 }
 

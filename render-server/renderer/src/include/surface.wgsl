@@ -238,6 +238,9 @@ fn outgoing(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
         let light = radiance(v, base, front) * frame.exposure;
         color = clamp(light, vec3<f32>(0.0), vec3<f32>(LIGHT_MAX));
     }
+    var glow = fog_glow(); //? fog
+    if !LIT { glow = tone_map(glow); } //? fog
+    color = mix(glow, color, fog_passed(position_of(v))); //? fog
     if HIGHLIGHTED {
         if LIT {
             color = tone_map(color);

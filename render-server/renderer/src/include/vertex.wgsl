@@ -21,7 +21,7 @@ struct VertexIn {
 
 struct Varyings {
     @invariant @builtin(position) clip: vec4<f32>,
-    @location(0) position: vec3<f32>, //? lit
+    @location(0) position: vec3<f32>, //? placed
     @location(1) normal: vec3<f32>, //? lit
     @location(2) tangent: vec4<f32>, //? tangent
     @location(3) uv0: vec2<f32>, //? uv0
@@ -46,7 +46,7 @@ fn vertex(in: VertexIn) -> Varyings {
     var out: Varyings;
     // The offset was brought to clip space in f64, so that what is far is rounded once.
     out.clip = frame.clip_from_eye * vec4<f32>(away, 0.0) + in.clip_offset;
-    out.position = away + vec3<f32>(in.row0.w, in.row1.w, in.row2.w); //? lit
+    out.position = away + vec3<f32>(in.row0.w, in.row1.w, in.row2.w); //? placed
     let n = in.normal; //? lit
     let n0 = dot(in.normal_row0, n); //? lit
     let n1 = dot(in.normal_row1, n); //? lit
@@ -66,8 +66,8 @@ fn vertex(in: VertexIn) -> Varyings {
 }
 
 fn position_of(v: Varyings) -> vec3<f32> {
-    return v.position; //? lit
-    return vec3<f32>(0.0); //? !lit
+    return v.position; //? placed
+    return vec3<f32>(0.0); //? !placed
 }
 
 fn normal_of(v: Varyings) -> vec3<f32> {

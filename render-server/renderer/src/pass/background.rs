@@ -1,4 +1,4 @@
-//! The surroundings behind everything, where a scene has an environment.
+//! The surroundings behind everything, where a scene has an environment or lies in fog.
 //!
 //! A triangle over each view at an infinite depth, between the opaque surfaces and the blended
 //! ones. The direction of a pixel is found in f64 for the canvas, so tiles of one screen agree to
@@ -56,7 +56,16 @@ fn directions(view: &ViewDesc, width: f64, height: f64) -> [DVec3; 3] {
     [eye_from_clip.z_axis - across + up, across * (2.0 / width), up * (-2.0 / height)]
 }
 
-type PipelineOf = (bool, bool, ToneMapper, u32);
+/// What a pipeline depends on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct PipelineOf {
+    is_linear: bool,
+    is_float: bool,
+    tone: ToneMapper,
+    samples: u32,
+    has_environment: bool,
+    has_fog: bool,
+}
 
 /// The pass; its pipelines are made on demand.
 #[derive(Debug)]
@@ -78,7 +87,7 @@ impl BackgroundPass {
         Self { group_layout: bindings::view_layout(&gpu.device), ready: BTreeMap::new() }
     }
 
-    /// Writes what a frame with an environment needs.
+    /// Writes what a frame with an environment or fog needs.
     pub fn prepare(
         &mut self,
         gpu: &Gpu,
@@ -113,7 +122,14 @@ impl BackgroundPass {
         let is_linear = target.is_linear();
         let is_float = is_linear || target.content() == ImageEncoding::Light;
         let tone = if is_linear { ToneMapper::default() } else { variant.tone };
-        let key = (is_linear, is_float, tone, target.samples());
+        let key = PipelineOf {
+            is_linear,
+            is_float,
+            tone,
+            samples: target.samples(),
+            has_environment: variant.environment,
+            has_fog: variant.fog,
+        };
         let pipeline =
             self.ready.entry(key).or_insert_with(|| pipeline(gpu, &self.group_layout, key));
         BackgroundDraw { pipeline: pipeline.clone(), group, stride: stride as u32 }
@@ -135,13 +151,19 @@ impl BackgroundDraw {
 fn pipeline(
     gpu: &Gpu,
     group_layout: &wgpu::BindGroupLayout,
-    (is_linear, is_float, tone, samples): PipelineOf,
+    key: PipelineOf,
 ) -> wgpu::RenderPipeline {
+    let PipelineOf { is_linear, is_float, tone, samples, has_environment, has_fog } = key;
+    let source = shader::surroundings(SOURCE, has_environment, has_fog);
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("background/shader"),
-        source: wgpu::ShaderSource::Wgsl(shader::surroundings(SOURCE).into()),
+        source: wgpu::ShaderSource::Wgsl(source.into()),
     });
-    let frame = bindings::environment_frame_layout(&gpu.device);
+    let frame = if has_environment {
+        bindings::environment_frame_layout(&gpu.device)
+    } else {
+        bindings::frame_layout(&gpu.device)
+    };
     let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some("background/pipeline_layout"),
         bind_group_layouts: &[Some(&frame), Some(group_layout)],

@@ -19,9 +19,12 @@ fn surroundings(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
     let place = at.xy - background.corner.xy;
     let along = background.first.xyz + background.right.xyz * place.x
         + background.down.xyz * place.y;
-    let light = environment_reflected(along, 0.0) * frame.exposure;
+    var light = environment_reflected(along, 0.0) * frame.exposure; //? environment
+    var light = frame.sky * frame.exposure; //? !environment
+    light = clamp(light, vec3<f32>(0.0), vec3<f32>(LIGHT_MAX));
+    light = mix(fog_glow(), light, fog_passed_from_afar(along)); //? fog
     if TONE_MAPPED {
         return vec4<f32>(tone_map(light), 1.0);
     }
-    return vec4<f32>(clamp(light, vec3<f32>(0.0), vec3<f32>(LIGHT_MAX)), 1.0);
+    return vec4<f32>(light, 1.0);
 }

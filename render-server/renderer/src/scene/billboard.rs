@@ -128,6 +128,7 @@ mod tests {
             viewport: [0.0, 0.0, 1.0, 1.0],
             scissor: None,
             exposure: 1.0,
+            fog: None,
             tone: polyptych_scene::ToneMapper::default(),
             subset: SceneSubset::default(),
             allowed_error: AllowedError::NONE,

@@ -333,6 +333,7 @@ pub fn look(eye: DVec3, at: DVec3, canvas: [u32; 2]) -> ViewDesc {
         scissor: None,
         exposure: 1.0,
         tone: ToneMapper::default(),
+        fog: None,
         subset: SceneSubset::default(),
         allowed_error: AllowedError::NONE,
         has_shadows: true,

@@ -28,12 +28,12 @@ fn module(name: &str, text: &str) -> naga::Module {
 }
 
 fn interfaces() -> impl Iterator<Item = Interface> {
-    (0..256u32).map(|bits| {
+    (0..512u32).map(|bits| {
         let bit = |at: u32| bits >> at & 1 == 1;
         let attributes = VertexLayout { tangent: bit(0), uv0: bit(1), uv1: bit(2), color: bit(3) };
-        let (shadows, environment) = (bit(6), bit(7));
+        let (shadows, environment, fog) = (bit(6), bit(7), bit(8));
         let extensions = ExtensionSet::default();
-        Interface { attributes, lit: bit(4), lamps: bit(5), shadows, environment, extensions }
+        Interface { attributes, lit: bit(4), lamps: bit(5), shadows, environment, fog, extensions }
     })
 }
 
@@ -70,7 +70,9 @@ fn every_shader_validates() {
             module("shadow", &surface(with, shadow::SOURCE));
         }
     }
-    module("background", &surroundings(background::SOURCE));
+    for (environment, fog) in [(true, false), (true, true), (false, true)] {
+        module("background", &surroundings(background::SOURCE, environment, fog));
+    }
     module("tonemap", &screen(include_str!("../pass/tonemap.wgsl")));
     module("enlarge", &screen(include_str!("../pass/enlarge.wgsl")));
     module("output", &screen(include_str!("../pass/output.wgsl")));
@@ -92,7 +94,7 @@ fn of_all() -> Interface {
 fn uniforms_match_their_twins() {
     let opaque = module("opaque", &surface(of_all(), opaque::SOURCE));
     let correct = module("correct", include_str!("../pass/correct.wgsl"));
-    let behind = module("background", &surroundings(background::SOURCE));
+    let behind = module("background", &surroundings(background::SOURCE, true, true));
     let check = |name: &str, size: usize, offsets: &[(&str, usize)]| {
         let types = opaque.types.iter().chain(correct.types.iter());
         let mut types = types.chain(behind.types.iter());
@@ -130,7 +132,7 @@ fn uniforms_match_their_twins() {
         inverse_gamma,
         texel
     );
-    twin!("Frame", FrameUniform, clip_from_eye, sky, exposure, ground, eye, suns);
+    twin!("Frame", FrameUniform, clip_from_eye, sky, exposure, ground, fog_fall, eye, fog, suns);
     twin!("Sun", DirectionalLightRecord, toward, irradiance);
     twin!(
         "Lamp",

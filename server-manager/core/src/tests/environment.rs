@@ -2,7 +2,7 @@
 
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::environment::{Environment, EnvironmentSource};
-use polyptych_scene::ToneMapper;
+use polyptych_scene::{Fog, ToneMapper};
 
 use super::*;
 
@@ -38,7 +38,7 @@ fn surroundings_are_shown_once_all_servers_have_them_and_are_kept() {
 }
 
 #[test]
-fn what_was_not_baked_is_refused_and_a_tone_mapper_comes_with_the_next_frame() {
+fn what_was_not_baked_is_refused_and_tone_and_fog_come_with_the_next_frame() {
     let mut stage = ClusterFixture::new(2);
     for source in [EnvironmentSource::Sky, EnvironmentSource::File { path: "a.hdr".into() }] {
         let id = stage.request(Request::SetEnvironment(source));
@@ -46,10 +46,19 @@ fn what_was_not_baked_is_refused_and_a_tone_mapper_comes_with_the_next_frame() {
         assert!(stage.replies.iter().any(is_refused), "{:?}", stage.replies);
     }
     stage.request(Request::SetTone(ToneMapper::Aces));
+    let fog = Some(Fog { half_height: Some(4.0), ..Fog::even(90.0) });
+    stage.request(Request::SetFog(fog));
+    let wrong = stage.request(Request::SetFog(Some(Fog::even(-1.0))));
+    let (of, reply) = stage.replies.pop().expect("an answer");
+    assert!(of == wrong && reply.expect_err("refused").reason.contains("visibility"));
     stage.frames.clear();
     stage.order_frame();
     let frames = &stage.frames;
     assert!(!frames.is_empty());
     assert!(frames.iter().all(|(_, frame)| frame.presentation.tone == ToneMapper::Aces));
-    assert_eq!(stage.memories.last().expect("remembered").presentation.tone, ToneMapper::Aces);
+    assert!(frames.iter().all(|(_, frame)| frame.presentation.fog == fog));
+    let memory = stage.memories.last().expect("remembered");
+    assert_eq!((memory.presentation.tone, memory.presentation.fog), (ToneMapper::Aces, fog));
+    let restored = Cluster::restore(wall(2), Epoch(7), memory);
+    assert_eq!(restored.presentation.fog, fog);
 }
