@@ -154,7 +154,7 @@ impl SceneIndex {
         Ok(page)
     }
 
-    /// Where the scene's file has a node.
+    /// The place of a node in the scene's file.
     pub fn file_place(&self, node: NodeId) -> Option<FilePlace> {
         FilePlace::of(&self.base, node)
     }

@@ -106,7 +106,7 @@ pub(super) fn tone(arguments: &ToneArguments) -> anyhow::Result<()> {
 
 #[derive(Debug, clap::Args)]
 pub(super) struct FogArguments {
-    /// How far one sees, in world units: 5 % of the light of a surface passes. Or "none". Without
+    /// Distance of sight in world units: 5 % of the light of a surface passes. Or "none". Without
     /// it, say how it is
     #[arg(value_name = "VISIBILITY|none", value_parser = visibility)]
     visibility: Option<Visibility>,

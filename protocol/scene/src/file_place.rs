@@ -1,4 +1,4 @@
-//! Where a single node of a scene's file stands in the space of its parent, at any time.
+//! The place of a single node of a scene's file in the space of its parent, at any time.
 
 use glam::DAffine3;
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,7 @@ use crate::edit::NodeId;
 pub struct FilePlace {
     /// Parent space from its space, without any clip.
     rest: DAffine3,
-    /// What of the scene's animations moves it: as many clips, and no other node.
+    /// The part of the scene's animations that moves it: as many clips, and no other node.
     animations: Animations,
 }
 
@@ -42,7 +42,7 @@ impl FilePlace {
 }
 
 impl Animations {
-    /// What of them moves this node; clips keep their numbers.
+    /// Returns the part of them that moves this node; clips keep their numbers.
     fn of_node(&self, node: u32) -> Self {
         let Ok(at) = self.nodes.binary_search_by_key(&node, |of| of.node) else {
             return Self::default();

@@ -279,10 +279,12 @@ impl ViewDesc {
             && self.view_from_world.is_finite()
             && self.clip_from_view.is_finite()
             && self.viewport.iter().all(|number| number.is_finite())
-            && self.exposure.is_finite()
-            && self.fog.is_none_or(|fog| fog.fault().is_none());
+            && self.exposure.is_finite();
         if !finite {
             return Some("a number in it is not finite".to_owned());
+        }
+        if let Some(fault) = self.fog.and_then(|fog| fog.fault()) {
+            return Some(fault);
         }
         let AllowedError { angle_rad, length, eye_offset, pixel } = self.allowed_error;
         let is_error = |number: f64| number.is_finite() && number >= 0.0;

@@ -32,7 +32,7 @@ struct Orthographic {
 }
 
 impl Camera {
-    /// What it is called, and what it shows: `Front: perspective, 37.8° high`.
+    /// Its name, and the extent of its picture: `Front: perspective, 37.8° high`.
     fn describe(&self) -> String {
         let name = match self.name.as_str() {
             "" => String::new(),

@@ -37,7 +37,7 @@ pub struct FollowedNode {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Following {
     node: FollowedNode,
-    /// Where the scene's file has nodes.
+    /// The places of nodes in the scene's file.
     places: BTreeMap<NodeId, FilePlace>,
     /// Who waits until the place is known.
     waiter: Option<ClientRequest>,

@@ -178,7 +178,7 @@ impl Cluster {
         cluster.presentation.output_mode = output_mode;
         cluster.presentation.pattern = pattern;
         cluster.presentation.tone = tone;
-        // As a client's: one that cannot be is left out.
+        // A fog that a client could not set is left out.
         cluster.presentation.fog = fog.filter(|fog| fog.fault().is_none());
         if let Err(reason) = cluster.set_bounds(bounds) {
             tracing::warn!(reason, "the bounds that were remembered cannot be");

@@ -12,7 +12,7 @@ use crate::cli::node::node_by_name;
 use crate::cli::seen::show;
 use crate::cli::{ManagerAddress, say};
 
-/// How many cameras a message names at most.
+/// Maximum number of cameras that a message names.
 const NAMED_MAX: usize = 8;
 
 #[derive(Debug, clap::Args)]
@@ -98,7 +98,7 @@ fn is_called(node: &NodeInfo, meant: &str) -> bool {
     own || node.name == meant
 }
 
-/// What the file says of a camera.
+/// The file's words on a camera.
 fn text_of(node: &NodeInfo) -> &str {
     match node.attributes.get(CAMERA_KEY) {
         Some(Attribute::Text(text)) => text,

@@ -56,7 +56,7 @@ fn directions(view: &ViewDesc, width: f64, height: f64) -> [DVec3; 3] {
     [eye_from_clip.z_axis - across + up, across * (2.0 / width), up * (-2.0 / height)]
 }
 
-/// What a pipeline depends on.
+/// The properties that a pipeline depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct PipelineOf {
     is_linear: bool,

@@ -39,7 +39,7 @@ fn view(eye: DVec3, fog: Option<Fog>) -> ViewDesc {
     ViewDesc { fog, tone: ToneMapper::None, ..look(eye, at, SIZE) }
 }
 
-/// What a pixel's ray meets; the sky is met very far away.
+/// The point that a pixel's ray meets; the sky is met very far away.
 fn met(view: &ViewDesc, [x, y]: [u32; 2]) -> DVec3 {
     // By hand: 60° of field, as `look` has it.
     let half = 30f64.to_radians().tan();
@@ -77,7 +77,7 @@ fn fogs() -> [Fog; 4] {
     [
         Fog::even(120.0),
         Fog { color: [0.9, 0.5, 0.2], ..Fog::even(60.0) },
-        // Of which the eye sees the upper side, and one that lies far below.
+        // A layer whose upper side the eye sees, and one that lies far below.
         Fog { height: -10.0, half_height: Some(6.0), ..Fog::even(20.0) },
         Fog { height: -4000.0, half_height: Some(20.0), ..Fog::even(1.0) },
     ]
