@@ -191,15 +191,15 @@ fn shapes_are_added_by_words() {
     local.run(&["node", "remove", "crate"]).succeeded();
     check("removed", &picture(&local), &before, &IDENTICAL);
     // What of a file is not drawn is said as it is of a scene.
-    let glass = flag().with(|gltf| {
+    let milk = flag().with(|gltf| {
         gltf.json["materials"][0]["extensions"] =
-            json!({ "KHR_materials_dispersion": { "dispersion": 1 } });
+            json!({ "KHR_materials_volume_scatter": { "multiscatterColor": [1, 1, 0] } });
     });
-    local.place.write("glass.glb", glass.glb());
-    let note = "materials: 1 is drawn without KHR_materials_dispersion";
-    let said = local.run(&["scene", "import", "glass.glb"]).succeeded();
+    local.place.write("milk.glb", milk.glb());
+    let note = "materials: 1 is drawn without KHR_materials_volume_scatter";
+    let said = local.run(&["scene", "import", "milk.glb"]).succeeded();
     assert_eq!(said.lines().last(), Some(format!("note: {note}").as_str()), "{said}");
-    let said = local.run(&["scene", "import", "glass.glb", "--json"]).succeeded();
+    let said = local.run(&["scene", "import", "milk.glb", "--json"]).succeeded();
     let said: serde_json::Value = serde_json::from_str(&said).expect("JSON");
     assert_eq!(said["notes"], json!([note]));
     local.run(&["scene", "import", "none.glb"]).failed(&["none.glb", "not found"]);

@@ -39,6 +39,15 @@ pub struct SceneFeatures {
     /// Materials with `KHR_materials_sheen`.
     #[serde(default)]
     pub sheen: bool,
+    /// Materials with `KHR_materials_transmission`: a picture of what is behind them.
+    #[serde(default)]
+    pub transmission: bool,
+    /// Materials that refract and absorb, with `KHR_materials_volume`.
+    #[serde(default)]
+    pub volume: bool,
+    /// Materials with `KHR_materials_dispersion`.
+    #[serde(default)]
+    pub dispersion: bool,
 }
 
 impl SceneFeatures {
@@ -68,6 +77,12 @@ impl SceneFeatures {
             specular: extends(|of| of.specular.is_some()),
             clearcoat: extends(|of| of.clearcoat.is_some()),
             sheen: extends(|of| of.sheen.is_some()),
+            transmission: extends(|of| of.transmission.is_some()),
+            volume: extends(|of| of.transmission.is_some() && of.volume.is_some()),
+            dispersion: extends(|of| {
+                of.transmission.is_some()
+                    && of.volume.as_ref().is_some_and(|of| of.dispersion > 0.0)
+            }),
             sun_shadows: scene.nodes.iter().any(|node| {
                 let light = node.light.and_then(|light| scene.lights.get(light as usize));
                 light.is_some_and(Light::casts_shadows)
@@ -91,6 +106,9 @@ impl SceneFeatures {
             (self.specular, "specular"),
             (self.clearcoat, "clearcoat"),
             (self.sheen, "sheen"),
+            (self.transmission, "transmission"),
+            (self.volume, "volume"),
+            (self.dispersion, "dispersion"),
         ]
         .into_iter()
         .filter_map(|(needed, name)| needed.then_some(name))

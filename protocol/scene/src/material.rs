@@ -107,6 +107,12 @@ impl Material {
         self.normal_texture.is_some() || coat.is_some_and(|of| of.normal_texture.is_some())
     }
 
+    /// Returns whether light passes through it.
+    pub fn transmits(&self) -> bool {
+        let extensions = self.extensions.as_ref().filter(|_| !self.unlit);
+        extensions.is_some_and(|of| of.transmission.is_some())
+    }
+
     /// The textures that it has, to change them: those of extensions last.
     pub fn textures_mut(&mut self) -> impl Iterator<Item = &mut TextureRef> {
         [

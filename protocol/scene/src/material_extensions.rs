@@ -11,7 +11,7 @@ use super::TextureRef;
 pub const EXTENSION_TEXTURES_MAX: usize = 5;
 
 /// Slots of textures that all extensions together have.
-pub const EXTENSION_SLOTS: usize = 7;
+pub const EXTENSION_SLOTS: usize = 9;
 
 /// The extensions of a material. Factors multiply the textures; all are linear.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -22,6 +22,10 @@ pub struct MaterialExtensions {
     pub clearcoat: Option<Clearcoat>,
     /// Fibres above the surface, below the clear coat.
     pub sheen: Option<Sheen>,
+    /// Light that passes through the surface.
+    pub transmission: Option<Transmission>,
+    /// The substance below a surface that transmits light; a thin wall if `None`.
+    pub volume: Option<Volume>,
 }
 
 /// `KHR_materials_ior` and `KHR_materials_specular`.
@@ -71,6 +75,58 @@ pub struct Sheen {
     pub roughness_texture: Option<TextureRef>,
 }
 
+/// `KHR_materials_transmission`: light that passes through instead of being reflected diffusely,
+/// tinted by the base colour.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Transmission {
+    /// Part of the light below the surface that passes: 0 to 1.
+    pub factor: f32,
+    /// The part in R.
+    pub texture: Option<TextureRef>,
+}
+
+/// `KHR_materials_volume` and `KHR_materials_dispersion`: refraction by [`Specular::ior`], and
+/// light that is absorbed on its way.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Volume {
+    /// Length of the way through the volume, in units of the mesh: 0 or more.
+    pub thickness: f32,
+    /// Units of the world after which light has [`Self::attenuation_color`]: more than 0, and
+    /// infinite where nothing is absorbed.
+    pub attenuation_distance: f32,
+    /// Linear RGB: 0 to 1.
+    pub attenuation_color: Vec3,
+    /// 20 over the Abbe number: 0 where all wavelengths are refracted alike.
+    pub dispersion: f32,
+    /// Factor of the thickness in G.
+    pub thickness_texture: Option<TextureRef>,
+}
+
+impl Default for Volume {
+    /// A clear volume without thickness.
+    fn default() -> Self {
+        Self {
+            thickness: 0.0,
+            attenuation_distance: f32::INFINITY,
+            attenuation_color: Vec3::ONE,
+            dispersion: 0.0,
+            thickness_texture: None,
+        }
+    }
+}
+
+impl Volume {
+    /// Least colour of which the absorption is finite: e⁻¹⁴, less than any display shows.
+    const COLOR_MIN: f32 = 8e-7;
+
+    /// Returns the part of light that is absorbed per unit of the world, as the σ of Beer's law
+    /// e^(−σ x): −ln(colour) / distance, by `KHR_materials_volume`.
+    pub fn absorption(&self) -> Vec3 {
+        let color = self.attenuation_color.max(Vec3::splat(Self::COLOR_MIN));
+        color.map(|of| -of.ln() / self.attenuation_distance)
+    }
+}
+
 impl Default for Clearcoat {
     /// Nothing of a smooth layer.
     fn default() -> Self {
@@ -101,7 +157,7 @@ impl Specular {
 impl MaterialExtensions {
     /// Returns its textures in the order in which shaders name them: the part of the reflection,
     /// its colour; the part of the clear coat, its roughness, its normals; the colour of
-    /// the sheen, its roughness.
+    /// the sheen, its roughness; the part that passes, the thickness.
     pub fn texture_slots(&self) -> [Option<TextureRef>; EXTENSION_SLOTS] {
         let specular = self.specular.as_ref();
         let coat = self.clearcoat.as_ref();
@@ -113,6 +169,8 @@ impl MaterialExtensions {
             coat.and_then(|of| of.normal_texture),
             self.sheen.as_ref().and_then(|of| of.color_texture),
             self.sheen.as_ref().and_then(|of| of.roughness_texture),
+            self.transmission.as_ref().and_then(|of| of.texture),
+            self.volume.as_ref().and_then(|of| of.thickness_texture),
         ]
     }
 
@@ -126,7 +184,9 @@ impl MaterialExtensions {
             .flat_map(|of| [&mut of.texture, &mut of.roughness_texture, &mut of.normal_texture]);
         let sheen = self.sheen.iter_mut();
         let sheen = sheen.flat_map(|of| [&mut of.color_texture, &mut of.roughness_texture]);
-        specular.chain(coat).chain(sheen)
+        let transmission = self.transmission.iter_mut().map(|of| &mut of.texture);
+        let volume = self.volume.iter_mut().map(|of| &mut of.thickness_texture);
+        specular.chain(coat).chain(sheen).chain(transmission).chain(volume)
     }
 
     /// Returns its different textures, in the order of the slots. Shaders read no more than the
@@ -145,7 +205,10 @@ impl MaterialExtensions {
     pub fn fault(&self) -> Option<String> {
         let specular = self.specular.as_ref().and_then(specular_fault);
         let coat = || self.clearcoat.as_ref().and_then(clearcoat_fault);
-        specular.or_else(coat).or_else(|| self.sheen.as_ref().and_then(sheen_fault))
+        let sheen = || self.sheen.as_ref().and_then(sheen_fault);
+        let transmission = || self.transmission.as_ref().and_then(transmission_fault);
+        let volume = || self.volume.as_ref().and_then(volume_fault);
+        specular.or_else(coat).or_else(sheen).or_else(transmission).or_else(volume)
     }
 }
 
@@ -166,6 +229,24 @@ fn clearcoat_fault(of: &Clearcoat) -> Option<String> {
 fn sheen_fault(of: &Sheen) -> Option<String> {
     let [r, g, b] = of.color.to_array().map(|part| share_fault("sheen.color", part));
     r.or(g).or(b).or_else(|| share_fault("sheen.roughness", of.roughness))
+}
+
+fn transmission_fault(of: &Transmission) -> Option<String> {
+    share_fault("transmission.factor", of.factor)
+}
+
+fn volume_fault(of: &Volume) -> Option<String> {
+    let amount = |what, value: f32| {
+        let is_amount = value >= 0.0 && value.is_finite();
+        (!is_amount).then(|| format!("volume.{what} is 0 or more, not {value}"))
+    };
+    let distance = of.attenuation_distance;
+    let distance = (distance.is_nan() || distance <= 0.0)
+        .then(|| format!("volume.attenuation_distance is more than 0, not {distance}"));
+    let [r, g, b] =
+        of.attenuation_color.to_array().map(|part| share_fault("volume.attenuation_color", part));
+    let thickness = || amount("thickness", of.thickness);
+    distance.or(r).or(g).or(b).or_else(thickness).or_else(|| amount("dispersion", of.dispersion))
 }
 
 fn share_fault(what: &str, value: f32) -> Option<String> {

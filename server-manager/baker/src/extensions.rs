@@ -38,13 +38,11 @@ const SAID_ELSEWHERE: [&str; 18] = [
 
 /// Extensions of materials with the keys that must differ from these values to be seen: each is a
 /// number, or the value of all numbers of a list.
-const NEUTRAL: [(&str, &[(&str, f64)]); 6] = [
+const NEUTRAL: [(&str, &[(&str, f64)]); 4] = [
     ("KHR_materials_anisotropy", &[("anisotropyStrength", 0.0)]),
     ("KHR_materials_diffuse_transmission", &[("diffuseTransmissionFactor", 0.0)]),
-    ("KHR_materials_dispersion", &[("dispersion", 0.0)]),
     ("KHR_materials_iridescence", &[("iridescenceFactor", 0.0)]),
-    ("KHR_materials_transmission", &[("transmissionFactor", 0.0)]),
-    ("KHR_materials_volume", &[("thicknessFactor", 0.0)]),
+    ("KHR_materials_volume_scatter", &[("multiscatterColor", 0.0)]),
 ];
 
 /// How often extensions stand in a file, by name and top-level list.
@@ -237,24 +235,24 @@ mod tests {
 
     #[test]
     fn says_once_how_many_have_an_extension_that_is_not_drawn() {
-        let glass = json!({ "KHR_materials_dispersion": { "dispersion": 1 } });
-        let glass = json!({ "extensions": glass });
+        let milk = json!({ "KHR_materials_volume_scatter": { "multiscatterColor": [1, 1, 0] } });
+        let milk = json!({ "extensions": milk });
         let other =
             json!({ "extensions": { "ACME_fog": {} }, "extras": { "extensions": { "X": 1 } } });
         let json = json!({
-            "materials": [glass, glass, { "extensions": { "KHR_materials_unlit": {} } }],
+            "materials": [milk, milk, { "extensions": { "KHR_materials_unlit": {} } }],
             "nodes": [other],
             "meshes": [{ "primitives": [{ "extensions": { "ACME_fur": {} } }, other] }],
             "scenes": [{ "extensions": { "EXT_lights_image_based": { "light": 0 } } }],
             "extensions": { "EXT_lights_image_based": { "lights": [] } },
         });
         assert_eq!(
-            notes(&json, &["KHR_materials_dispersion", "ACME_smell", "EXT_mesh_features"]),
+            notes(&json, &["KHR_materials_volume_scatter", "ACME_smell", "EXT_mesh_features"]),
             [
                 "nodes: 1 is drawn without ACME_fog",
                 "meshes: 1 part is drawn without ACME_fur",
                 "extensions: EXT_lights_image_based is not drawn",
-                "materials: 2 are drawn without KHR_materials_dispersion",
+                "materials: 2 are drawn without KHR_materials_volume_scatter",
                 "extensionsUsed: ACME_smell is not supported",
             ]
         );
@@ -263,17 +261,16 @@ mod tests {
     #[test]
     fn says_nothing_of_extensions_that_change_nothing() {
         let neutral = json!({
+            "KHR_materials_volume_scatter": { "multiscatterColor": [0, 0.0, 0] },
             "KHR_materials_dispersion": { "dispersion": 0.0 },
-            "KHR_materials_transmission": { "transmissionFactor": 0, "transmissionTexture": {} },
-            "KHR_materials_anisotropy": { "anisotropyStrength": 0 },
             "KHR_materials_emissive_strength": { "emissiveStrength": 3 },
         });
         let declared: Vec<&str> =
             neutral.as_object().expect("an object").keys().map(String::as_str).collect();
         let json = |extensions: &Value| json!({ "materials": [{ "extensions": extensions }] });
         assert_eq!(notes(&json(&neutral), &declared), [] as [String; 0]);
-        let dispersive = json!({ "KHR_materials_dispersion": { "dispersion": 0.1 } });
-        assert_eq!(notes(&json(&dispersive), &[]).len(), 1);
+        let milk = json!({ "KHR_materials_volume_scatter": { "multiscatterColor": [0, 0.1, 0] } });
+        assert_eq!(notes(&json(&milk), &[]).len(), 1);
     }
 
     #[test]

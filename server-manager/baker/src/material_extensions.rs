@@ -2,7 +2,9 @@
 
 use glam::Vec3;
 use gltf::json;
-use polyptych_scene::{Clearcoat, EXTENSION_TEXTURES_MAX, MaterialExtensions, Sheen, Specular};
+use polyptych_scene::{
+    Clearcoat, EXTENSION_TEXTURES_MAX, MaterialExtensions, Sheen, Specular, Transmission, Volume,
+};
 use serde::Deserialize;
 
 use super::error::BakeError;
@@ -72,6 +74,48 @@ struct SheenJson {
     roughness_texture: Option<json::texture::Info>,
 }
 
+/// `KHR_materials_transmission`.
+#[derive(Deserialize, Default)]
+#[serde(default)]
+struct TransmissionJson {
+    #[serde(rename = "transmissionFactor")]
+    factor: f32,
+    #[serde(rename = "transmissionTexture")]
+    texture: Option<json::texture::Info>,
+}
+
+/// `KHR_materials_volume`.
+#[derive(Deserialize)]
+#[serde(default)]
+struct VolumeJson {
+    #[serde(rename = "thicknessFactor")]
+    thickness: f32,
+    #[serde(rename = "thicknessTexture")]
+    thickness_texture: Option<json::texture::Info>,
+    #[serde(rename = "attenuationDistance")]
+    attenuation_distance: f32,
+    #[serde(rename = "attenuationColor")]
+    attenuation_color: [f32; 3],
+}
+
+impl Default for VolumeJson {
+    fn default() -> Self {
+        Self {
+            thickness: 0.0,
+            thickness_texture: None,
+            attenuation_distance: f32::INFINITY,
+            attenuation_color: [1.0; 3],
+        }
+    }
+}
+
+/// `KHR_materials_dispersion`.
+#[derive(Deserialize, Default)]
+#[serde(default)]
+struct DispersionJson {
+    dispersion: f32,
+}
+
 impl MaterialContext<'_, '_, '_> {
     /// Reads an extension of the material; `None` where it has none.
     pub(super) fn extension<T: for<'de> Deserialize<'de>>(
@@ -102,7 +146,9 @@ impl MaterialContext<'_, '_, '_> {
     ) -> Result<Option<Box<MaterialExtensions>>, BakeError> {
         let specular = converted.map_or_else(|| self.specular(json), |of| Ok(Some(of)))?;
         let (clearcoat, sheen) = (self.clearcoat(json)?, self.sheen(json)?);
-        let mut made = MaterialExtensions { specular, clearcoat, sheen };
+        let transmission = self.transmission(json)?;
+        let volume = self.volume(json)?.filter(|_| transmission.is_some());
+        let mut made = MaterialExtensions { specular, clearcoat, sheen, transmission, volume };
         self.leave_out_textures(&mut made);
         let is_plain = made == MaterialExtensions::default();
         Ok((!is_plain).then(|| Box::new(made)))
@@ -175,6 +221,32 @@ impl MaterialContext<'_, '_, '_> {
             roughness: limit(read.roughness, 0.0, 1.0),
             color_texture: self.optional(read.color_texture.as_ref(), TextureKind::Tint)?,
             roughness_texture: self.optional(read.roughness_texture.as_ref(), TextureKind::Tint)?,
+        }))
+    }
+
+    fn transmission(&mut self, json: &json::Material) -> Result<Option<Transmission>, BakeError> {
+        let read = self.extension::<TransmissionJson>(json, "KHR_materials_transmission")?;
+        let Some(read) = read.filter(|read| read.factor > 0.0) else { return Ok(None) };
+        Ok(Some(Transmission {
+            factor: limit(read.factor, 0.0, 1.0),
+            texture: self.optional(read.texture.as_ref(), TextureKind::Data)?,
+        }))
+    }
+
+    /// Without thickness nothing is refracted or absorbed. A distance that glTF forbids stands for
+    /// a volume that absorbs nothing, as a missing one does.
+    fn volume(&mut self, json: &json::Material) -> Result<Option<Volume>, BakeError> {
+        let read = self.extension::<VolumeJson>(json, "KHR_materials_volume")?;
+        let spread = self.extension::<DispersionJson>(json, "KHR_materials_dispersion")?;
+        let Some(read) = read.filter(|read| read.thickness > 0.0) else { return Ok(None) };
+        let distance = read.attenuation_distance;
+        let distance = if distance > 0.0 { distance } else { f32::INFINITY };
+        Ok(Some(Volume {
+            thickness: limit(read.thickness, 0.0, FACTOR_MAX),
+            attenuation_distance: distance.max(f32::MIN_POSITIVE),
+            attenuation_color: Vec3::from(read.attenuation_color.map(|of| limit(of, 0.0, 1.0))),
+            dispersion: limit(spread.unwrap_or_default().dispersion, 0.0, FACTOR_MAX),
+            thickness_texture: self.optional(read.thickness_texture.as_ref(), TextureKind::Data)?,
         }))
     }
 }

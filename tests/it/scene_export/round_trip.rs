@@ -15,7 +15,7 @@ use polyptych_scene::{
     AlphaMode, AssetManifests, Attribute, Clearcoat, Filter, IndexFormat, Instance, Light,
     LightKind, Material, MaterialExtensions, Mesh, MipFilter, Node, NodeExtras, NodeId, Primitive,
     Sampler, Scene, SceneEdits, Sheen, Specular, Texture, TextureFormat, TextureRef, Topology,
-    VertexLayout, Wrap,
+    Transmission, VertexLayout, Volume, Wrap,
 };
 
 /// Scenes that are tried.
@@ -134,8 +134,9 @@ fn extensions(
         color_texture: texture_of(random, color),
     };
     let mut made = MaterialExtensions { specular: Some(specular), ..MaterialExtensions::default() };
-    // Not both: a material can have five textures of extensions.
-    if random.bool() {
+    // Not all: a material can have five textures of extensions.
+    let which = random.usize(0..3);
+    if which == 0 {
         let normal_texture = texture_of(random, data);
         made.clearcoat = Some(Clearcoat {
             factor: unit(random),
@@ -145,15 +146,33 @@ fn extensions(
             roughness_texture: texture_of(random, data),
             normal_texture,
         });
-    } else {
+    } else if which == 1 {
         made.sheen = Some(Sheen {
             color: direction(random).abs(),
             roughness: unit(random),
             color_texture: texture_of(random, color),
             roughness_texture: texture_of(random, color),
         });
+    } else {
+        (made.transmission, made.volume) = glass(random, |random| texture_of(random, data));
     }
     made
+}
+
+/// Glass with a texture each.
+fn glass(
+    random: &mut Rng,
+    mut texture_of: impl FnMut(&mut Rng) -> Option<TextureRef>,
+) -> (Option<Transmission>, Option<Volume>) {
+    let transmission = Transmission { factor: unit(random).max(0.01), texture: texture_of(random) };
+    let volume = Volume {
+        thickness: unit(random) + 0.01,
+        attenuation_distance: [f32::INFINITY, unit(random) + 0.1][random.usize(0..2)],
+        attenuation_color: direction(random).abs(),
+        dispersion: [0.0, unit(random)][random.usize(0..2)],
+        thickness_texture: texture_of(random),
+    };
+    (Some(transmission), random.bool().then_some(volume))
 }
 
 fn primitive(random: &mut Rng, scene: &Scene, store: &BlobStore) -> Primitive {

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use super::GlbWriter;
 use super::material_json::texture_json;
-use crate::{Clearcoat, MaterialExtensions, Sheen, Specular};
+use crate::{Clearcoat, MaterialExtensions, Sheen, Specular, Transmission, Volume};
 
 /// Returns the extensions as members of a material's `extensions`.
 pub(super) fn members<W: Write>(of: &MaterialExtensions, file: &mut GlbWriter<W>) -> Vec<String> {
@@ -14,6 +14,8 @@ pub(super) fn members<W: Write>(of: &MaterialExtensions, file: &mut GlbWriter<W>
     }
     members.extend(of.clearcoat.iter().map(|coat| clearcoat_member(coat, file)));
     members.extend(of.sheen.iter().map(|sheen| sheen_member(sheen, file)));
+    members.extend(of.transmission.iter().map(|of| transmission_member(of, file)));
+    members.extend(of.volume.iter().map(|of| volume_members(of, file)));
     members
 }
 
@@ -61,4 +63,33 @@ fn sheen_member<W: Write>(of: &Sheen, file: &mut GlbWriter<W>) -> String {
         of.roughness
     );
     format!(r#""{name}":{{{factors}{color}{roughness}}}"#)
+}
+
+fn transmission_member<W: Write>(of: &Transmission, file: &mut GlbWriter<W>) -> String {
+    let part = texture_json("transmissionTexture", of.texture, "", file);
+    let name = file.use_extension("KHR_materials_transmission");
+    format!(r#""{name}":{{"transmissionFactor":{:?}{part}}}"#, of.factor)
+}
+
+/// Returns `KHR_materials_volume`, and `KHR_materials_dispersion` if there is any.
+fn volume_members<W: Write>(of: &Volume, file: &mut GlbWriter<W>) -> String {
+    let texture = texture_json("thicknessTexture", of.thickness_texture, "", file);
+    let name = file.use_extension("KHR_materials_volume");
+    // JSON has no infinity, which is what is meant where the key is missing.
+    let distance = if of.attenuation_distance.is_finite() {
+        format!(r#","attenuationDistance":{:?}"#, of.attenuation_distance)
+    } else {
+        String::new()
+    };
+    let factors = format!(
+        r#""thicknessFactor":{:?},"attenuationColor":{:?}{distance}"#,
+        of.thickness,
+        of.attenuation_color.to_array()
+    );
+    let volume = format!(r#""{name}":{{{factors}{texture}}}"#);
+    if of.dispersion == 0.0 {
+        return volume;
+    }
+    let name = file.use_extension("KHR_materials_dispersion");
+    format!(r#"{volume},"{name}":{{"dispersion":{:?}}}"#, of.dispersion)
 }

@@ -269,8 +269,9 @@ fn a_part_whose_stream_lies_is_left_out_with_the_reason() {
 #[test]
 fn required_extensions_of_appearance_are_noted_and_drawn_without() {
     let mut builder = Builder::quad();
-    let name = "KHR_materials_transmission";
-    builder.json["materials"] = json!([{ "extensions": { name: { "transmissionFactor": 1.0 } } }]);
+    let name = "KHR_materials_volume_scatter";
+    builder.json["materials"] =
+        json!([{ "extensions": { name: { "multiscatterColor": [1, 0, 0] } } }]);
     builder.json["meshes"][0]["primitives"][0]["material"] = json!(0);
     builder.json["extensionsUsed"] = json!([name]);
     builder.json["extensionsRequired"] = json!([name]);

@@ -239,3 +239,43 @@ fn textures_of_extensions_beyond_those_that_shaders_hold_are_left_out_with_a_not
     assert_eq!(extensions.distinct_textures().len(), 5);
     assert!(extensions.sheen.as_ref().is_some_and(|of| of.roughness_texture.is_none()));
 }
+
+#[test]
+fn transmission_and_volume_are_read_and_brought_to_their_range() {
+    let volume = |json: serde_json::Value| {
+        json!({ "KHR_materials_transmission": { "transmissionFactor": 0.5 },
+            "KHR_materials_dispersion": { "dispersion": 2 }, "KHR_materials_volume": json })
+    };
+    let thin = Some((0.5, None));
+    let infinity = f32::INFINITY;
+    for (extensions, wanted) in [
+        (json!({ "KHR_materials_transmission": {} }), None),
+        (json!({ "KHR_materials_volume": { "thicknessFactor": 1 } }), None),
+        (json!({ "KHR_materials_transmission": { "transmissionFactor": -1 } }), None),
+        (json!({ "KHR_materials_transmission": { "transmissionFactor": 0.5 } }), thin),
+        (volume(json!({})), thin),
+        (volume(json!({ "thicknessFactor": 3 })), Some((0.5, Some((3.0, infinity, Vec3::ONE))))),
+        (
+            volume(json!({ "thicknessFactor": 1e39, "attenuationDistance": 0.25,
+                "attenuationColor": [0.5, -1, 9] })),
+            Some((0.5, Some((65504.0, 0.25, Vec3::new(0.5, 0.0, 1.0))))),
+        ),
+        (
+            volume(json!({ "thicknessFactor": 1, "attenuationDistance": 0 })),
+            Some((0.5, Some((1.0, infinity, Vec3::ONE)))),
+        ),
+    ] {
+        let name = extensions.to_string();
+        let (_place, baked, scene) = bake_builder(&quad(&json!({ "extensions": extensions })));
+        let made = scene.materials[0].extensions.clone();
+        let got = made.and_then(|of| {
+            let volume = of.volume.map(|of| {
+                assert_eq!(of.dispersion, 2.0);
+                (of.thickness, of.attenuation_distance, of.attenuation_color)
+            });
+            of.transmission.map(|of| (of.factor, volume))
+        });
+        assert_eq!(got, wanted, "{name}");
+        assert!(baked.warnings.is_empty(), "{name}: {:?}", baked.warnings);
+    }
+}
