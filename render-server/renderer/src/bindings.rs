@@ -5,6 +5,7 @@
 
 use polyptych_scene::EXTENSION_TEXTURES_MAX;
 
+use super::behind_region::BehindUniform;
 use super::environment::EnvironmentUniform;
 use super::gpu::Gpu;
 use super::pass::background::BackgroundUniform;
@@ -70,16 +71,33 @@ pub(crate) fn frame_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
 
 /// Group 0 of a frame with an environment: its map, a sampler and its diffuse light more.
 pub(crate) fn environment_frame_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
-    let fragment = wgpu::ShaderStages::FRAGMENT;
-    let uniform = wgpu::BufferBindingType::Uniform;
     let mut entries = frame_entries();
-    entries.extend([
+    entries.extend(environment_entries());
+    let (label, entries) = (Some("frame/environment_layout"), &entries[..]);
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries })
+}
+
+/// Group 0 of surfaces that transmit light: the pictures behind them and their places more.
+pub(crate) fn behind_frame_layout(
+    device: &wgpu::Device,
+    has_environment: bool,
+) -> wgpu::BindGroupLayout {
+    let (fragment, uniform) = (wgpu::ShaderStages::FRAGMENT, wgpu::BufferBindingType::Uniform);
+    let mut entries = frame_entries();
+    entries.extend(environment_entries().into_iter().filter(|_| has_environment));
+    let places = buffer(25, fragment, uniform, true, size_of::<BehindUniform>());
+    entries.extend([texture(24, true), places]);
+    let (label, entries) = (Some("frame/behind_layout"), &entries[..]);
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries })
+}
+
+fn environment_entries() -> [wgpu::BindGroupLayoutEntry; 3] {
+    let (fragment, uniform) = (wgpu::ShaderStages::FRAGMENT, wgpu::BufferBindingType::Uniform);
+    [
         texture_of(16, true, wgpu::TextureViewDimension::Cube),
         sampler(17),
         buffer(18, fragment, uniform, false, size_of::<EnvironmentUniform>()),
-    ]);
-    let (label, entries) = (Some("frame/environment_layout"), &entries[..]);
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries })
+    ]
 }
 
 /// Group 1 of the background: what each view sees, at an offset.

@@ -340,7 +340,7 @@ fn rising(number: f64) -> u64 {
 
 /// The rectangle around the corners of all visible boxes, or all that the view may touch where
 /// a box reaches behind the near plane.
-fn touched(
+pub(crate) fn touched(
     scene: &GpuScene,
     view: &ViewDesc,
     rectangle: [u32; 4],

@@ -7,6 +7,7 @@
 //! larger one lives until the last frame that reads it is done.
 
 mod begun_frame;
+mod behind;
 mod draw_context;
 mod frame_buffer;
 mod hidden_items;
@@ -20,7 +21,8 @@ use std::time::{Duration, Instant};
 use glam::{DMat3, DMat4, DVec3, Vec3};
 use polyptych_scene::{SceneSubset, ToneMapper};
 
-use super::bindings::{environment_frame_layout, uniform_stride};
+use super::behind_region::BehindUniform;
+use super::bindings::{behind_frame_layout, environment_frame_layout, uniform_stride};
 use super::draw_list::{DrawList, Scratch, VisibleItems, samples_of};
 use super::environment::Environment;
 use super::gpu::Gpu;
@@ -28,7 +30,6 @@ use super::occlusion::OcclusionCulling;
 use super::pass::background::BackgroundPass;
 use super::pass::occluder::OccluderPass;
 use super::pass::tonemap::{Tonemap, light_color};
-use super::pass::{opaque, transparent};
 use super::pipeline::{InstanceRecord, PipelineVariant, Pipelines};
 use super::scene::GpuScene;
 use super::target::Target;
@@ -37,11 +38,12 @@ use super::view::{AllowedError, FrameUniform, LocalLightRecord, ViewDesc};
 use super::{DrawError, DrawStats, albedo};
 use begun_frame::ShownView;
 pub use begun_frame::{BegunFrame, SubmittedFrame};
+use behind::{BehindBinding, BehindPictures, DrawnWith};
 pub(crate) use draw_context::DrawContext;
 use frame_buffer::{FrameBuffer, is_too_large};
 pub(crate) use hidden_items::OcclusionMemory;
 use hidden_items::encode_behind;
-use scene_pass::begin;
+use scene_pass::encode_scene;
 pub use submission::Submission;
 pub(crate) use sun_shadows::SunShadows;
 
@@ -55,6 +57,8 @@ pub(crate) struct FrameResources {
     uniforms: FrameBuffer,
     lamps: FrameBuffer,
     instances: FrameBuffer,
+    behind_uniforms: FrameBuffer,
+    behind: BehindPictures,
     group_layout: wgpu::BindGroupLayout,
     /// Its like with an environment, once there was one.
     environment_group_layout: Option<wgpu::BindGroupLayout>,
@@ -76,6 +80,8 @@ impl FrameResources {
             uniforms: FrameBuffer::new("frame/uniforms", wgpu::BufferUsages::UNIFORM),
             lamps: FrameBuffer::new("frame/lamps", wgpu::BufferUsages::STORAGE),
             instances: FrameBuffer::new("frame/instances", vertex),
+            behind_uniforms: FrameBuffer::new("frame/behind", wgpu::BufferUsages::UNIFORM),
+            behind: BehindPictures::default(),
             group_layout: super::bindings::frame_layout(&gpu.device),
             environment_group_layout: None,
             background: None,
@@ -94,6 +100,12 @@ impl FrameResources {
         self.instances.size() + (self.records.capacity() * size_of::<InstanceRecord>()) as u64
     }
 
+    /// Returns whether there are pictures of what is behind surfaces that transmit light.
+    #[cfg(test)]
+    pub fn has_behind(&self) -> bool {
+        !self.behind.is_empty()
+    }
+
     /// Begins a frame: finds what its views may show, and submits the search for what others hide
     /// if the pass for it is given and is faster.
     ///
@@ -109,7 +121,7 @@ impl FrameResources {
     ) -> Result<BegunFrame, DrawError> {
         let start = Instant::now();
         let views: Vec<ViewDesc> = views.iter().map(|view| fitted(scene, view)).collect();
-        let sky = sky(scene, &views);
+        let sky = sky(scene, views.first().map_or(1.0, |view| view.exposure));
         let tone = views.first().map_or_else(ToneMapper::default, |view| view.tone);
         let fog = views.iter().filter(|view| !view.is_parallel()).find_map(|view| view.fog);
         let mut shown = Vec::with_capacity(views.len());
@@ -163,6 +175,9 @@ impl FrameResources {
         };
         let searched = start.elapsed();
         let shadows = shadows.draw(self, gpu, scene, &shown)?;
+        let found = ready(pipelines, scene, variant)?;
+        let with = DrawnWith { pipelines: &found, variant, shadows: &shadows.groups };
+        let behind = self.draw_behind(gpu, &with, scene, target, &shown)?;
         let lists = self.lists(gpu, scene, &shown)?;
         let sorted = start.elapsed();
         let clear_display = if scene.layout.blends {
@@ -172,10 +187,10 @@ impl FrameResources {
         };
         let views: Vec<_> = shown.iter().map(|(view, _)| view).collect();
         let background = self.background(gpu, scene, target, (variant, &views));
-        let with = (ready(pipelines, scene, variant)?, scene.environment.as_deref());
+        let with = (found, scene.environment.as_deref());
         let context = DrawContext {
             shadows: shadows.groups,
-            ..self.context(gpu, with, scene, views, &lists)
+            ..self.context(gpu, with, scene, (views, behind), &lists)
         };
         let mut encoder = gpu
             .device
@@ -183,15 +198,9 @@ impl FrameResources {
         if let (Some(hidden), Some(occluders)) = (hidden, occluders) {
             encode_behind(&mut encoder, occluders, target, hidden);
         }
-        {
-            let clear_scene = if scene.layout.blends { light_color(sky) } else { clear_display };
-            let mut pass = begin(&mut encoder, target, clear_scene, hidden.is_some());
-            opaque::encode(&mut pass, &context);
-            if let Some(background) = &background {
-                background.encode(&mut pass, &context);
-            }
-            transparent::encode(&mut pass, &context);
-        }
+        let clear_scene = if scene.layout.blends { light_color(sky) } else { clear_display };
+        let begins_with = (clear_scene, hidden.is_some());
+        encode_scene(&mut encoder, target, begins_with, &context, background.as_ref());
         let touched = lists.iter().filter_map(|list| match background {
             Some(_) => Some(list.rectangle),
             None => list.touched,
@@ -325,20 +334,16 @@ impl FrameResources {
             PipelineVariant { content: target.content(), tone, environment, fog, is_light: false };
         let background = self.background(gpu, scene, target, (variant, &[&view]));
         let with = (ready(pipelines, scene, variant)?, scene.environment.as_deref());
-        let mut context = self.context(gpu, with, scene, vec![&view], &lists);
+        let behind = self.behind_nothing(gpu, scene);
+        let mut context = self.context(gpu, with, scene, (vec![&view], behind), &lists);
         // A multiple of what points, lines and triangles take.
         context.index_count_max = 6;
         context.shadows = shadows.none(gpu, scene);
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("warm") });
-        {
-            let mut pass = begin(&mut encoder, target, wgpu::Color::BLACK, false);
-            opaque::encode(&mut pass, &context);
-            if let Some(background) = &background {
-                background.encode(&mut pass, &context);
-            }
-        }
+        let begins_with = (wgpu::Color::BLACK, false);
+        encode_scene(&mut encoder, target, begins_with, &context, background.as_ref());
         let black = (wgpu::Color::BLACK, tone);
         self.tonemap.encode(gpu, &mut encoder, target, black, Some([0, 0, 1, 1]));
         Submission::new(gpu, encoder).wait(gpu).map(|_| ())
@@ -349,7 +354,7 @@ impl FrameResources {
         gpu: &Gpu,
         (pipelines, environment): (Vec<Option<&'a wgpu::RenderPipeline>>, Option<&Environment>),
         scene: &'a GpuScene,
-        views: Vec<&'a ViewDesc>,
+        (views, behind): (Vec<&'a ViewDesc>, Option<BehindBinding>),
         lists: &'a [DrawList],
     ) -> DrawContext<'a> {
         let uniform_size = uniform_stride(gpu, size_of::<FrameUniform>());
@@ -395,6 +400,18 @@ impl FrameResources {
             layout,
             entries: &entries,
         });
+        let behind = behind.as_ref().map(|of| {
+            let (bytes, stride) = of.uniform_bytes(gpu);
+            let places = self.behind_uniforms.write(gpu, &bytes);
+            entries.push(entry(24, wgpu::BindingResource::TextureView(&of.view)));
+            entries.push(entry(25, part(places, size_of::<BehindUniform>())));
+            let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("frame/behind_group"),
+                layout: &behind_frame_layout(&gpu.device, environment.is_some()),
+                entries: &entries,
+            });
+            (group, stride as u32)
+        });
         DrawContext {
             scene,
             pipelines,
@@ -402,6 +419,7 @@ impl FrameResources {
             views,
             lists,
             group,
+            behind,
             shadows: Vec::new(),
             instances: self.instances.write(gpu, bytemuck::cast_slice(&self.records)),
             uniform_stride: uniform_size as u32,
@@ -445,8 +463,7 @@ fn ready<'a>(
 }
 
 /// Exposed light of the sky, within what the targets hold.
-fn sky(scene: &GpuScene, views: &[ViewDesc]) -> Vec3 {
-    let exposure = views.first().map_or(1.0, |view| view.exposure);
+fn sky(scene: &GpuScene, exposure: f32) -> Vec3 {
     (scene.layout.sky * exposure).max(Vec3::ZERO).min(Vec3::splat(LIGHT_MAX))
 }
 

@@ -12,6 +12,7 @@
 //! radiance 1, and exposure scales radiance before the tone mapping.
 
 mod albedo;
+mod behind_region;
 mod bindings;
 mod correction;
 mod cull;

@@ -1,6 +1,7 @@
 //! The passes of a frame; each has its shader beside it.
 
 pub(crate) mod background;
+pub(crate) mod behind;
 pub mod correct;
 pub mod enlarge;
 pub mod idle;

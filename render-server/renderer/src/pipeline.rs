@@ -96,17 +96,24 @@ struct LayoutKey {
     has_environment: bool,
     has_shadows: bool,
     has_extensions: bool,
+    has_behind: bool,
 }
 
 impl PipelineKey {
     fn layout_key(&self, has_environment: bool) -> LayoutKey {
         let has_extensions = !self.material.extensions.set.is_empty();
-        LayoutKey { has_environment, has_shadows: self.has_shadows(), has_extensions }
+        let (has_shadows, has_behind) = (self.has_shadows(), self.transmits());
+        LayoutKey { has_environment, has_shadows, has_extensions, has_behind }
     }
 
     /// Returns whether lights cast shadows.
     pub fn has_shadows(&self) -> bool {
         self.shadows != ShadowFilter::Off
+    }
+
+    /// Returns whether light passes through its surfaces.
+    pub fn transmits(&self) -> bool {
+        self.material.extensions.set.transmission
     }
 
     /// The pipeline of this key that a variant uses; several may use one.
@@ -313,7 +320,9 @@ impl Pipelines {
 
 fn pipeline_layout(gpu: &Gpu, of: LayoutKey) -> wgpu::PipelineLayout {
     let material = bindings::material_layout(&gpu.device);
-    let frame = if of.has_environment {
+    let frame = if of.has_behind {
+        bindings::behind_frame_layout(&gpu.device, of.has_environment)
+    } else if of.has_environment {
         bindings::environment_frame_layout(&gpu.device)
     } else {
         bindings::frame_layout(&gpu.device)

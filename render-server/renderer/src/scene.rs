@@ -58,6 +58,7 @@ pub(crate) struct Batch {
     pub pipeline: u32,
     /// Draws the back faces first; only for double-sided blended triangles.
     pub back_pipeline: Option<u32>,
+    /// Drawn after what is opaque, far to near: it is blended, or transmits light.
     pub blended: bool,
     /// The bit of the layer of its items; 0 if they are in none.
     pub layer: u64,
@@ -165,6 +166,11 @@ impl GpuScene {
         })
     }
 
+    /// The batch of an item where it stands.
+    pub(crate) fn batch_of(&self, item: u32) -> &Batch {
+        &self.layout.batches[self.item(item).0.batch as usize]
+    }
+
     /// The lamps of a range of the list of lamp indices.
     #[cfg(test)]
     pub(crate) fn lamp_list(&self, range: std::ops::Range<usize>) -> Vec<u32> {
@@ -202,7 +208,7 @@ impl GpuScene {
         self.content_bytes
     }
 
-    /// Whether anything in it is blended; its targets are linear then.
+    /// Whether anything in it is blended or transmits light; its targets are linear then.
     pub fn has_transparency(&self) -> bool {
         self.layout.blends
     }

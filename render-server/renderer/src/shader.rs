@@ -9,6 +9,7 @@ const EXTENSION: &str = include_str!("include/extension.wgsl");
 const LAYERS: &str = include_str!("include/layers.wgsl");
 const CLEARCOAT: &str = include_str!("include/clearcoat.wgsl");
 const SHEEN: &str = include_str!("include/sheen.wgsl");
+const TRANSMISSION: &str = include_str!("include/transmission.wgsl");
 const SHADOW: &str = include_str!("include/shadow.wgsl");
 /// Stands for [`SHADOW`] where no light casts shadows.
 const NO_SHADOW: &str = "
@@ -52,6 +53,12 @@ pub(crate) struct ExtensionSet {
     pub clearcoat: bool,
     /// `KHR_materials_sheen`.
     pub sheen: bool,
+    /// `KHR_materials_transmission`.
+    pub transmission: bool,
+    /// `KHR_materials_volume`, of a surface that transmits light.
+    pub volume: bool,
+    /// `KHR_materials_dispersion`, of such a volume.
+    pub dispersion: bool,
 }
 
 impl ExtensionSet {
@@ -72,6 +79,7 @@ impl ExtensionSet {
             (self.has_layers(), LAYERS),
             (self.clearcoat, CLEARCOAT),
             (self.sheen, SHEEN),
+            (self.transmission, TRANSMISSION),
         ]
         .into_iter()
         .filter_map(|(is_there, text)| is_there.then_some(text))
@@ -95,6 +103,9 @@ impl Interface {
             "specular" => self.extensions.specular,
             "clearcoat" => self.extensions.clearcoat,
             "sheen" => self.extensions.sheen,
+            "transmission" => self.extensions.transmission,
+            "volume" => self.extensions.volume,
+            "dispersion" => self.extensions.dispersion,
             "layers" => self.extensions.has_layers(),
             _ => false,
         }

@@ -23,4 +23,5 @@ mod shadows;
 mod targets_together;
 mod terrain;
 mod tiles;
+mod transmission;
 mod unlit;

@@ -14,6 +14,8 @@ pub(crate) struct DrawContext<'a> {
     pub(super) views: Vec<&'a ViewDesc>,
     pub lists: &'a [DrawList],
     pub(super) group: wgpu::BindGroup,
+    /// Group 0 of what transmits light, and the step of its uniforms.
+    pub(super) behind: Option<(wgpu::BindGroup, u32)>,
     /// The bindings of each view; empty where no light casts shadows.
     pub(super) shadows: Vec<wgpu::BindGroup>,
     pub(super) instances: &'a wgpu::Buffer,
@@ -30,9 +32,19 @@ impl DrawContext<'_> {
         pass.set_viewport(x, y, width, height, 0.0, 1.0);
         let [x, y, width, height] = self.lists[view].rectangle;
         pass.set_scissor_rect(x, y, width, height);
+        self.bind_frame(pass, view, false);
+    }
+
+    /// Sets group 0 for what transmits light, or for all else.
+    fn bind_frame(&self, pass: &mut wgpu::RenderPass<'_>, view: usize, transmits: bool) {
         let index = view as u32;
-        let offsets = [index * self.uniform_stride, index * self.lamp_stride];
-        pass.set_bind_group(0, &self.group, &offsets);
+        let [frame, lamps] = [index * self.uniform_stride, index * self.lamp_stride];
+        match &self.behind {
+            Some((group, stride)) if transmits => {
+                pass.set_bind_group(0, group, &[frame, lamps, index * stride]);
+            }
+            _ => pass.set_bind_group(0, &self.group, &[frame, lamps]),
+        }
     }
 
     /// Encodes draws of one view; sets only what changes from draw to draw.
@@ -45,12 +57,17 @@ impl DrawContext<'_> {
             pass.set_bind_group(1, shadows, &[]);
         }
         pass.set_vertex_buffer(1, self.instances.slice(..));
+        let mut transmitted = false;
         let (mut pipeline, mut material, mut geometry) = (None, None, None);
         for draw in draws {
             let batch = &self.scene.layout.batches[draw.batch as usize];
             let Some(with) = self.pipelines[draw.pipeline as usize] else { continue };
             if pipeline.replace(draw.pipeline) != Some(draw.pipeline) {
                 pass.set_pipeline(with);
+                let transmits = self.scene.layout.keys[draw.pipeline as usize].transmits();
+                if std::mem::replace(&mut transmitted, transmits) != transmits {
+                    self.bind_frame(pass, view, transmits);
+                }
             }
             if self.has_materials && material.replace(batch.material) != Some(batch.material) {
                 let groups = &self.scene.materials[batch.material as usize];

@@ -111,7 +111,7 @@ impl FrameResources {
         let pipelines = occluders.pipelines(&scene.layout.keys);
         let context = DrawContext {
             has_materials: false,
-            ..self.context(gpu, (pipelines, None), scene, views, &lists)
+            ..self.context(gpu, (pipelines, None), scene, (views, None), &lists)
         };
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("occluders") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);

@@ -1,9 +1,29 @@
 //! The render pass over a scene's surfaces.
 
+use super::DrawContext;
+use crate::pass::background::BackgroundDraw;
+use crate::pass::{opaque, transparent};
 use crate::target::Target;
 
+/// Encodes the pass: what is opaque, the surroundings, and what is drawn over them. It begins with
+/// a colour, and with the depth that the target has if so given.
+pub(super) fn encode_scene(
+    encoder: &mut wgpu::CommandEncoder,
+    target: &Target,
+    (sky, has_depth): (wgpu::Color, bool),
+    context: &DrawContext<'_>,
+    background: Option<&BackgroundDraw>,
+) {
+    let mut pass = begin(encoder, target, sky, has_depth);
+    opaque::encode(&mut pass, context);
+    if let Some(background) = background {
+        background.encode(&mut pass, context);
+    }
+    transparent::encode(&mut pass, context);
+}
+
 /// Begins the pass over the scene, with the depth that the target has or with none.
-pub(super) fn begin<'a>(
+fn begin<'a>(
     encoder: &'a mut wgpu::CommandEncoder,
     target: &Target,
     sky: wgpu::Color,

@@ -302,7 +302,8 @@ impl SunShadows {
             views.push(light);
         }
         let pipelines = self.pass.pipelines(&scene.layout.keys);
-        let context = frames.context(gpu, (pipelines, None), scene, views.iter().collect(), &lists);
+        let context =
+            frames.context(gpu, (pipelines, None), scene, (views.iter().collect(), None), &lists);
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("shadows") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
         for (at, Order { set, layer, .. }) in orders.iter().enumerate() {

@@ -8,6 +8,10 @@ struct Extension {
     clearcoat: vec4<f32>,
     // Colour, roughness.
     sheen: vec4<f32>,
+    // Part, thickness, inverse of the index of refraction, 20 over the Abbe number.
+    transmission: vec4<f32>,
+    // Of the volume per unit of the world; w is the factor of roughness for light that passes.
+    absorption: vec4<f32>,
 }
 
 @group(3) @binding(0) var<uniform> extension: Extension;
@@ -37,6 +41,8 @@ override CLEARCOAT_ROUGHNESS: u32 = 0u; //? clearcoat
 override CLEARCOAT_NORMAL: u32 = 0u; //? clearcoat
 override SHEEN_COLOR: u32 = 0u; //? sheen
 override SHEEN_ROUGHNESS: u32 = 0u; //? sheen
+override TRANSMISSION: u32 = 0u; //? transmission
+override THICKNESS: u32 = 0u; //? volume
 
 fn further_coordinates(v: Varyings, slot: u32, which: u32) -> vec2<f32> {
     var uv = vec2<f32>(0.0);

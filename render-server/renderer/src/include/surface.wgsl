@@ -195,8 +195,14 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     let texels = further_texels(v); //? extended
     s.reflectance = reflectance(texels); //? specular
     s = layered(s, base, metallic);
+    let part = transmitted_part(texels); //? transmission
+    passing.part = s.diffuse * (part * (1.0 - s.dielectric)); //? transmission
+    passing.behind = light_behind(v, s, roughness, texels); //? transmission
+    s.diffuse *= 1.0 - part; //? transmission
     s.sheen = sheen_of(s.n_dot_v, texels); //? sheen
     s.coat = clear_coat(v, front, s.toward_eye, texels); //? clearcoat
+    passing.part *= 1.0 - largest(s.sheen.color * s.sheen.albedo); //? transmission & sheen
+    passing.part *= s.coat.passed; //? transmission & clearcoat
 
     var light = ambient(s) * occlusion; //? !environment
     var light = environment_light(s) * occlusion; //? environment
@@ -235,12 +241,17 @@ fn shown_as_is() -> bool {
 fn outgoing(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     var color = clamp(base, vec3<f32>(0.0), vec3<f32>(1.0));
     if LIT {
-        let light = radiance(v, base, front) * frame.exposure;
+        let light = radiance(v, base, front) * frame.exposure; //? !transmission
+        var light = radiance(v, base, front) * frame.exposure; //? transmission
+        light += passing.part * passing.behind; //? transmission & !fog
         color = clamp(light, vec3<f32>(0.0), vec3<f32>(LIGHT_MAX));
     }
     var glow = fog_glow(); //? fog
     if !LIT { glow = tone_map(glow); } //? fog
     color = mix(glow, color, fog_passed(position_of(v))); //? fog
+    // The picture behind has all of the fog, and the part of it before the surface is drawn above.
+    let before = glow * (1.0 - fog_passed(position_of(v))); //? fog & transmission
+    color += passing.part * max(passing.behind - before, vec3<f32>(0.0)); //? fog & transmission
     if HIGHLIGHTED {
         if LIT {
             color = tone_map(color);

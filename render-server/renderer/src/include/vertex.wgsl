@@ -28,6 +28,8 @@ struct Varyings {
     @location(4) uv1: vec2<f32>, //? uv1
     @location(5) color: vec4<f32>, //? color
     @location(6) @interpolate(flat) lamps: vec2<u32>, //? lamps
+    // Units of the world to one of the mesh, along the normal.
+    @location(7) stretch: f32, //? volume
 }
 
 // A transform that mirrors turns the bitangent around.
@@ -62,6 +64,8 @@ fn vertex(in: VertexIn) -> Varyings {
     out.uv1 = in.uv1; //? uv1
     out.color = in.color; //? color
     out.lamps = in.lamps; //? lamps
+    let deep = vec3<f32>(dot(in.row0.xyz, n), dot(in.row1.xyz, n), dot(in.row2.xyz, n)); //? volume
+    out.stretch = length(deep); //? volume
     return out;
 }
 

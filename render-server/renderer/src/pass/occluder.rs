@@ -37,10 +37,12 @@ struct DepthKey {
 }
 
 impl DepthKey {
-    /// The key of what hides all that is behind it, wherever it is drawn: its fragments are neither
-    /// blended nor discarded, and its triangles have an inside.
+    /// The key of what hides all that is behind it, wherever it is drawn: its fragments are not
+    /// blended, discarded or passed by light, and its triangles have an inside.
     fn new(key: &PipelineKey) -> Option<Self> {
-        let is_solid = key.material.alpha == Alpha::Opaque && key.topology == Topology::Triangles;
+        let is_solid = key.material.alpha == Alpha::Opaque
+            && key.topology == Topology::Triangles
+            && !key.transmits();
         let PipelineKey { layout, cull, mirrored, .. } = *key;
         is_solid.then_some(Self { layout, cull, mirrored })
     }

@@ -337,7 +337,7 @@ impl Sorter {
     fn new(desc: &Scene, lights: &Lights, geometry_count: usize) -> Self {
         let blends = |primitive: &Primitive| {
             let material = primitive.material.and_then(|m| desc.materials.get(m as usize));
-            material.is_some_and(|material| material.alpha_mode == AlphaMode::Blend)
+            material.is_some_and(|of| of.alpha_mode == AlphaMode::Blend || of.transmits())
         };
         let used: BTreeSet<u32> = desc.nodes.iter().filter_map(|node| node.mesh).collect();
         let mut drawn = used.iter().flat_map(|&mesh| &desc.meshes[mesh as usize].primitives);
@@ -446,7 +446,8 @@ impl Sorter {
         features: crate::pipeline::MaterialFeatures,
         mirrored: bool,
     ) -> Batch {
-        let blended = features.alpha == Alpha::Blend;
+        let is_blend = features.alpha == Alpha::Blend;
+        let blended = is_blend || features.extensions.set.transmission;
         let key = PipelineKey {
             layout,
             topology,
@@ -458,7 +459,7 @@ impl Sorter {
             linear: self.template.linear,
             shadows: self.template.shadows,
         };
-        let two_passes = blended && features.double_sided && topology == Topology::Triangles;
+        let two_passes = is_blend && features.double_sided && topology == Topology::Triangles;
         let (pipeline, back_pipeline) = if two_passes {
             let back = self.key_index(PipelineKey { cull: Cull::Front, ..key });
             (self.key_index(PipelineKey { cull: Cull::Back, ..key }), Some(back))

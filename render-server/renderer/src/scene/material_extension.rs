@@ -27,6 +27,10 @@ pub(crate) struct ExtensionUniform {
     pub clearcoat: [f32; 4],
     /// Colour, roughness.
     pub sheen: [f32; 4],
+    /// Part, thickness, inverse of the index of refraction, 20 over the Abbe number.
+    pub transmission: [f32; 4],
+    /// Of the volume per unit of the world; the factor of roughness for light that passes.
+    pub absorption: [f32; 4],
 }
 
 impl ExtensionUniform {
@@ -37,11 +41,19 @@ impl ExtensionUniform {
         let specular = of.specular.clone().unwrap_or_default();
         let coat = of.clearcoat.clone().unwrap_or_default();
         let sheen = of.sheen.clone().unwrap_or_default();
+        let part = of.transmission.as_ref().map_or(0.0, |of| of.factor);
+        let volume = of.volume.clone().unwrap_or_default();
+        // An index of 0 stands for one without end, which bends light to the normal.
+        let is_endless = specular.ior == 0.0;
+        let inverse = if is_endless { 0.0 } else { specular.ior.recip() };
+        let rough = if is_endless { 1.0 } else { (2.0 * specular.ior - 2.0).clamp(0.0, 1.0) };
         Self {
             uv_transforms: std::array::from_fn(|at| uv_transform(transform(at))),
             specular: (specular.color * specular.reflectance()).extend(specular.factor).to_array(),
             clearcoat: [coat.factor, coat.roughness, coat.normal_scale, 0.0],
             sheen: sheen.color.extend(sheen.roughness).to_array(),
+            transmission: [part, volume.thickness, inverse, volume.dispersion],
+            absorption: volume.absorption().extend(rough).to_array(),
         }
     }
 }
@@ -70,11 +82,17 @@ impl ExtensionFeatures {
         if !layout.tangent {
             places[CLEARCOAT_NORMAL] = 0;
         }
+        let volume = of.volume.as_ref().filter(|_| of.transmission.is_some());
+        // Light that is bent to the normal has one direction for all wavelengths.
+        let bends = of.specular.as_ref().is_none_or(|of| of.ior != 0.0);
         Self {
             set: ExtensionSet {
                 specular: of.specular.is_some(),
                 clearcoat: of.clearcoat.is_some(),
                 sheen: of.sheen.is_some(),
+                transmission: of.transmission.is_some(),
+                volume: volume.is_some(),
+                dispersion: bends && volume.is_some_and(|of| of.dispersion > 0.0),
             },
             places,
             coordinates: std::array::from_fn(|at| slot_of(distinct.get(at).copied(), layout)),
@@ -94,7 +112,7 @@ impl ExtensionFeatures {
             return Vec::new();
         }
         let coordinates = self.coordinates.map(|slot| f64::from(slot as u8));
-        let ExtensionSet { specular, clearcoat, sheen } = self.set;
+        let ExtensionSet { specular, clearcoat, sheen, transmission, volume, .. } = self.set;
         let names: [(&str, bool); EXTENSION_SLOTS] = [
             ("SPECULAR", specular),
             ("SPECULAR_COLOR", specular),
@@ -103,6 +121,8 @@ impl ExtensionFeatures {
             ("CLEARCOAT_NORMAL", clearcoat),
             ("SHEEN_COLOR", sheen),
             ("SHEEN_ROUGHNESS", sheen),
+            ("TRANSMISSION", transmission),
+            ("THICKNESS", volume),
         ];
         let places = names.into_iter().zip(self.places.map(f64::from));
         let places = places.filter_map(|((name, is_there), at)| is_there.then_some((name, at)));

@@ -79,7 +79,9 @@ pub(super) fn radiance_of(
     let scene = stage.build().with_environment(environment);
     let mut renderer = Renderer::new(gpu(), 1).unwrap();
     renderer.prepare_for(gpu(), &scene, ImageEncoding::Light);
-    let mut target = Target::with_encoding(gpu(), [1, 1], 1, false, ImageEncoding::Light).unwrap();
+    let mut target =
+        Target::with_encoding(gpu(), [1, 1], 1, scene.has_transparency(), ImageEncoding::Light)
+            .unwrap();
     let view = look(aslant(mu) * 3.0, DVec3::ZERO, [1, 1]);
     renderer.draw(gpu(), &scene, &mut target, &[view]).unwrap();
     let bytes = read_pixels(gpu(), &target).unwrap();

@@ -5,10 +5,11 @@ use std::mem::offset_of;
 use polyptych_scene::VertexLayout;
 use wgpu::naga;
 
+use crate::behind_region::{BehindUniform, RegionRecord};
 use crate::environment::EnvironmentUniform;
 use crate::pass::background::{self, BackgroundUniform};
 use crate::pass::correct::{CellRecord, CorrectionUniform, EyeRecord, PlaneRecord};
-use crate::pass::{occluder, opaque, shadow, transparent};
+use crate::pass::{behind, occluder, opaque, shadow, transparent};
 use crate::scene::{ExtensionUniform, MaterialUniform};
 use crate::shader::{ExtensionSet, Interface, depth, screen, surface, surroundings};
 use crate::shadow_uniform::{CascadeRecord, ShadowUniform, SunShadowRecord};
@@ -39,9 +40,13 @@ fn interfaces() -> impl Iterator<Item = Interface> {
 
 /// All sets of extensions.
 fn extension_sets() -> impl Iterator<Item = ExtensionSet> {
-    (0..8u32).map(|bits| {
+    (0..32u32).map(|bits| {
         let bit = |at: u32| bits >> at & 1 == 1;
-        ExtensionSet { specular: bit(0), clearcoat: bit(1), sheen: bit(2) }
+        // A volume is one that transmits light, and one that disperses it has a volume.
+        let glass = bits >> 3;
+        let (transmission, volume, dispersion) = (glass > 0, glass > 1, glass > 2);
+        let (specular, clearcoat, sheen) = (bit(0), bit(1), bit(2));
+        ExtensionSet { specular, clearcoat, sheen, transmission, volume, dispersion }
     })
 }
 
@@ -55,13 +60,14 @@ fn every_shader_validates() {
     }
     for extensions in extension_sets() {
         for bits in 0..4 {
-            let (lamps, environment) = (bits & 1 == 1, bits & 2 == 2);
+            let (lamps, environment, fog) = (bits & 1 == 1, bits & 2 == 2, bits & 1 == 1);
             let attributes = VertexLayout { tangent: true, uv0: true, ..VertexLayout::default() };
             let with = Interface {
                 attributes,
                 lit: true,
                 lamps,
                 environment,
+                fog,
                 extensions,
                 ..Interface::default()
             };
@@ -73,6 +79,7 @@ fn every_shader_validates() {
     for (environment, fog) in [(true, false), (true, true), (false, true)] {
         module("background", &surroundings(background::SOURCE, environment, fog));
     }
+    module("behind", &screen(behind::SOURCE));
     module("tonemap", &screen(include_str!("../pass/tonemap.wgsl")));
     module("enlarge", &screen(include_str!("../pass/enlarge.wgsl")));
     module("output", &screen(include_str!("../pass/output.wgsl")));
@@ -90,29 +97,31 @@ fn of_all() -> Interface {
     Interface { lit: true, lamps: true, shadows: true, extensions, ..Interface::default() }
 }
 
+/// Checks the size of a type of shaders, and the places of its members.
+fn check_layout(modules: &[naga::Module], name: &str, size: usize, offsets: &[(&str, usize)]) {
+    let mut types = modules.iter().flat_map(|module| module.types.iter());
+    let found = types.find(|(_, ty)| ty.name.as_deref() == Some(name));
+    let (_, ty) = found.unwrap_or_else(|| panic!("no {name}"));
+    let naga::TypeInner::Struct { members, span } = &ty.inner else { panic!("{name}") };
+    assert_eq!(*span as usize, size, "size of {name}");
+    let got: Vec<(&str, usize)> = members
+        .iter()
+        .map(|member| (member.name.as_deref().unwrap_or(""), member.offset as usize))
+        .filter(|(name, _)| !name.starts_with("pad"))
+        .collect();
+    assert_eq!(got, offsets, "offsets in {name}");
+}
+
 #[test]
 fn uniforms_match_their_twins() {
     let opaque = module("opaque", &surface(of_all(), opaque::SOURCE));
     let correct = module("correct", include_str!("../pass/correct.wgsl"));
     let behind = module("background", &surroundings(background::SOURCE, true, true));
-    let check = |name: &str, size: usize, offsets: &[(&str, usize)]| {
-        let types = opaque.types.iter().chain(correct.types.iter());
-        let mut types = types.chain(behind.types.iter());
-        let found = types.find(|(_, ty)| ty.name.as_deref() == Some(name));
-        let (_, ty) = found.unwrap_or_else(|| panic!("no {name}"));
-        let naga::TypeInner::Struct { members, span } = &ty.inner else { panic!("{name}") };
-        assert_eq!(*span as usize, size, "size of {name}");
-        let got: Vec<(&str, usize)> = members
-            .iter()
-            .map(|member| (member.name.as_deref().unwrap_or(""), member.offset as usize))
-            .filter(|(name, _)| !name.starts_with("pad"))
-            .collect();
-        assert_eq!(got, offsets, "offsets in {name}");
-    };
+    let modules = [opaque, correct, behind];
     macro_rules! twin {
         ($wgsl:literal, $rust:ty, $($field:ident),+) => {{
             let offsets = [$((stringify!($field), offset_of!($rust, $field))),+];
-            check($wgsl, size_of::<$rust>(), &offsets);
+            check_layout(&modules, $wgsl, size_of::<$rust>(), &offsets);
         }};
     }
     twin!("Environment", EnvironmentUniform, diffuse);
@@ -160,5 +169,16 @@ fn uniforms_match_their_twins() {
         highlight,
         uv_transforms
     );
-    twin!("Extension", ExtensionUniform, uv_transforms, specular, clearcoat, sheen);
+    twin!(
+        "Extension",
+        ExtensionUniform,
+        uv_transforms,
+        specular,
+        clearcoat,
+        sheen,
+        transmission,
+        absorption
+    );
+    twin!("Region", RegionRecord, corner, place, size, scale, reach);
+    twin!("Behind", BehindUniform, sharp, wide, pixels, pixels_per_radian, detail_max, bounds);
 }

@@ -242,7 +242,7 @@ fn textures_of_extensions_beyond_those_that_shaders_hold_are_left_out_with_a_not
 
 #[test]
 fn transmission_and_volume_are_read_and_brought_to_their_range() {
-    let volume = |json: serde_json::Value| {
+    let volume = |json: Value| {
         json!({ "KHR_materials_transmission": { "transmissionFactor": 0.5 },
             "KHR_materials_dispersion": { "dispersion": 2 }, "KHR_materials_volume": json })
     };

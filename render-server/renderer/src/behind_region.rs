@@ -1,0 +1,185 @@
+//! The pictures that surfaces which transmit light see behind them: where they lie, so that all
+//! channels of a screen compute the same texels.
+//!
+//! A view has two of them: a sharp one, a pixel a texel, for what is refracted little, and a wide
+//! one of at most [`TEXELS_PER_RADIAN`] for what is refracted or blurred far. Each is larger than
+//! what is seen by a guard band, and begins at a multiple of its coarsest texel in pixels of the
+//! canvas, which the tiles of a screen share. Shaders clamp offsets and filters to the guard band,
+//! as a function of the point alone; so no pixel depends on the channel that draws it.
+
+use bytemuck::{Pod, Zeroable};
+use glam::{DMat4, DVec3};
+
+use super::view::ViewDesc;
+
+/// Halvings of a picture: texels of the coarsest level are 64 finest ones wide.
+pub(crate) const LEVELS: u32 = 6;
+
+/// Texels of the sharp picture's guard band: 96 for offsets, 32 for filters.
+const SHARP_REACH: i64 = 128;
+
+/// Texels of the wide picture's guard band: half a radian or more, which is all that the filter of
+/// the coarsest level reaches.
+const WIDE_REACH: i64 = 256;
+
+/// Texels of the wide picture to a radian, at most: its coarsest texels are 7° or more.
+const TEXELS_PER_RADIAN: f64 = 512.0;
+
+/// Texels of a canvas with its guard band: the longest viewport of the weakest driver.
+const CANVAS_SIDE_MAX: f64 = 8192.0;
+
+/// Twin of `Region` in `include/transmission.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct RegionRecord {
+    pub corner: [i32; 2],
+    pub place: [i32; 2],
+    pub size: [i32; 2],
+    pub scale: u32,
+    pub reach: f32,
+}
+
+/// Twin of `Behind` in `include/transmission.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(crate) struct BehindUniform {
+    pub sharp: RegionRecord,
+    pub wide: RegionRecord,
+    pub pixels: [f32; 2],
+    pub pixels_per_radian: f32,
+    pub detail_max: f32,
+    pub bounds: [f32; 4],
+}
+
+/// A picture of what is behind the surfaces of a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct BehindRegion {
+    /// A texel is 2^scale pixels wide.
+    pub scale: u32,
+    reach: i64,
+    /// Pixels of the target.
+    pub corner: [i64; 2],
+    /// Width and height in texels: multiples of 2^[`LEVELS`].
+    pub size: [u32; 2],
+    /// Texels of the texture that holds all of them, where [`pack`] put it.
+    pub place: [u32; 2],
+}
+
+impl BehindRegion {
+    /// Returns the pictures for what a view shows in a rectangle of the target, the wide one last.
+    pub fn of_view(view: &ViewDesc, rectangle: [u32; 4]) -> Vec<Self> {
+        let scale = (pixels_per_radian(view) / TEXELS_PER_RADIAN).log2().ceil().clamp(0.0, 12.0);
+        let wide = Self::around(view, rectangle, (scale as u32, WIDE_REACH));
+        let sharp = (scale > 0.0).then(|| Self::around(view, rectangle, (0, SHARP_REACH)));
+        sharp.into_iter().chain([wide]).collect()
+    }
+
+    fn around(view: &ViewDesc, rectangle: [u32; 4], (scale, reach): (u32, i64)) -> Self {
+        let step = 1i64 << (scale + LEVELS);
+        let axis = |at: usize| {
+            let base = view.viewport[at].floor() as i64;
+            let from = i64::from(rectangle[at]) - base - (reach << scale);
+            let to = i64::from(rectangle[at] + rectangle[at + 2]) - base + (reach << scale);
+            let (first, end) = (from.div_euclid(step), (to + step - 1).div_euclid(step));
+            (first * step + base, ((end - first) << LEVELS) as u32)
+        };
+        let [(x, width), (y, height)] = [axis(0), axis(1)];
+        Self { scale, reach, corner: [x, y], size: [width, height], place: [0, 0] }
+    }
+
+    /// Whole pixels by which the canvas is extended on each side.
+    fn margin(&self, length: f64) -> f64 {
+        let texel = f64::from(1u32 << self.scale);
+        let room = ((CANVAS_SIDE_MAX * texel - length) / 2.0).floor();
+        ((self.reach << self.scale) as f64).min(room).max(0.0)
+    }
+
+    /// Returns the view that draws it.
+    pub fn view(&self, of: &ViewDesc) -> ViewDesc {
+        let texel = f64::from(1u32 << self.scale);
+        let [vx, vy, width, height] = of.viewport;
+        let (across, down) = (self.margin(width), self.margin(height));
+        let axis = |at: usize, from: f64, margin: f64| {
+            f64::from(self.place[at]) + (from - self.corner[at] as f64 - margin) / texel
+        };
+        let grown = [width + 2.0 * across, height + 2.0 * down];
+        let shrink = DVec3::new(width / grown[0], height / grown[1], 1.0);
+        let mut allowed_error = of.allowed_error;
+        if self.scale > 0 && !of.is_parallel() {
+            // Half a texel, on all channels.
+            let angle = 0.5 * texel / pixels_per_radian(of);
+            allowed_error.angle_rad = allowed_error.angle_rad.max(angle);
+        }
+        let [x, y] = [axis(0, vx, across), axis(1, vy, down)];
+        ViewDesc {
+            clip_from_view: DMat4::from_scale(shrink) * of.clip_from_view,
+            viewport: [x, y, grown[0] / texel, grown[1] / texel],
+            scissor: Some([self.place[0], self.place[1], self.size[0], self.size[1]]),
+            allowed_error,
+            ..of.clone()
+        }
+    }
+
+    fn record(&self) -> RegionRecord {
+        RegionRecord {
+            corner: self.corner.map(|at| at as i32),
+            place: self.place.map(|at| at as i32),
+            size: self.size.map(|at| at as i32),
+            scale: self.scale,
+            reach: (self.reach << self.scale) as f32,
+        }
+    }
+}
+
+impl BehindUniform {
+    /// The uniforms of a view with these pictures; zeros if it has none.
+    pub fn new(view: &ViewDesc, regions: &[BehindRegion]) -> Self {
+        let [x, y, width, height] = view.viewport;
+        let Some(wide) = regions.last() else { return Self::default() };
+        let sharp = regions.first().filter(|_| regions.len() > 1);
+        let margins = sharp.map_or([0.0; 2], |of| [of.margin(width), of.margin(height)]);
+        let [left, top] = [x - margins[0], y - margins[1]];
+        let [right, bottom] = [x + width + margins[0], y + height + margins[1]];
+        Self {
+            sharp: sharp.map(BehindRegion::record).unwrap_or_default(),
+            wide: wide.record(),
+            pixels: [(width * 0.5) as f32, (-height * 0.5) as f32],
+            pixels_per_radian: pixels_per_radian(view) as f32,
+            detail_max: (wide.scale + LEVELS) as f32,
+            bounds: [left, top, right, bottom].map(|at| at as f32),
+        }
+    }
+}
+
+/// Pixels to a radian in the middle of the canvas. Where rays are parallel the canvas counts as a
+/// radian high.
+fn pixels_per_radian(view: &ViewDesc) -> f64 {
+    let height = view.viewport[3];
+    if view.is_parallel() {
+        return height.max(1.0);
+    }
+    let slope = (view.clip_from_view.y_axis.y / view.clip_from_view.z_axis.w).abs();
+    let pixels = height * 0.5 * slope;
+    if pixels.is_finite() { pixels.max(1.0) } else { height.max(1.0) }
+}
+
+/// Places pictures beside and below each other in a texture of sides up to `side_max`. Returns the
+/// texture's sides; `None` if they do not fit. One that is longer than `side_max` loses its end.
+pub(crate) fn pack<'a>(
+    regions: impl Iterator<Item = &'a mut BehindRegion>,
+    side_max: u32,
+) -> Option<[u32; 2]> {
+    let side_max = side_max >> LEVELS << LEVELS;
+    let (mut x, mut y, mut height, mut sides) = (0, 0, 0, [0, 0]);
+    for region in regions {
+        region.size = region.size.map(|side| side.min(side_max));
+        if x + region.size[0] > side_max {
+            (x, y, height) = (0, y + height, 0);
+        }
+        region.place = [x, y];
+        x += region.size[0];
+        height = height.max(region.size[1]);
+        sides = [sides[0].max(x), sides[1].max(y + height)];
+    }
+    (sides[1] <= side_max).then_some(sides)
+}

@@ -1,0 +1,217 @@
+//! Pictures of what is behind surfaces that transmit light, drawn before the frame that shows them.
+
+use super::begun_frame::ShownView;
+use super::submission::Submission;
+use super::{DrawContext, FrameResources, check_records, sky};
+use crate::DrawError;
+use crate::behind_region::{BehindRegion, BehindUniform, pack};
+use crate::bindings::uniform_stride;
+use crate::draw_list::{DrawList, VisibleItems, touched};
+use crate::gpu::Gpu;
+use crate::pass::behind::{BehindPass, BehindTexture};
+use crate::pass::opaque;
+use crate::pass::tonemap::light_color;
+use crate::pipeline::{PipelineKey, PipelineVariant};
+use crate::scene::GpuScene;
+use crate::target::Target;
+use crate::view::ViewDesc;
+
+/// A texture that was not used in so many frames of channels leaves its memory.
+const KEPT_FRAMES: u32 = 256;
+
+/// The texture of the frames, and the pass that makes it; nothing of it before it is needed.
+#[derive(Debug, Default)]
+pub(super) struct BehindPictures {
+    pass: Option<BehindPass>,
+    texture: Option<BehindTexture>,
+    unused_frames: u32,
+}
+
+/// The bindings of a frame that shows what transmits light.
+#[derive(Debug)]
+pub(super) struct BehindBinding {
+    pub view: wgpu::TextureView,
+    /// By view.
+    pub uniforms: Vec<BehindUniform>,
+}
+
+impl BehindBinding {
+    /// Returns the uniforms of all views as bytes, and the step from one view to the next.
+    pub fn uniform_bytes(&self, gpu: &Gpu) -> (Vec<u8>, usize) {
+        let stride = uniform_stride(gpu, size_of::<BehindUniform>());
+        let mut bytes = vec![0; stride * self.uniforms.len().max(1)];
+        for (slot, uniform) in bytes.chunks_exact_mut(stride).zip(&self.uniforms) {
+            slot[..size_of::<BehindUniform>()].copy_from_slice(bytemuck::bytes_of(uniform));
+        }
+        (bytes, stride)
+    }
+}
+
+/// The means of drawing that the frame itself has, too.
+pub(super) struct DrawnWith<'a> {
+    pub pipelines: &'a [Option<&'a wgpu::RenderPipeline>],
+    pub variant: PipelineVariant,
+    /// The bindings of each view; empty where no light casts shadows.
+    pub shadows: &'a [wgpu::BindGroup],
+}
+
+impl FrameResources {
+    /// Draws what is behind the surfaces of all views that transmit light; `None` if there are
+    /// none.
+    ///
+    /// # Errors
+    /// More is shown than is held for one frame, or the GPU failed.
+    pub(super) fn draw_behind(
+        &mut self,
+        gpu: &Gpu,
+        with: &DrawnWith<'_>,
+        scene: &GpuScene,
+        target: &Target,
+        shown: &[ShownView],
+    ) -> Result<Option<BehindBinding>, DrawError> {
+        let mut regions = planned(scene, shown);
+        if regions.iter().all(Vec::is_empty) {
+            self.behind.age();
+            return Ok(None);
+        }
+        let side_max = gpu.device.limits().max_texture_dimension_2d;
+        let sides = packed(&mut regions, side_max).ok_or_else(|| DrawError::View {
+            index: 0,
+            reason: format!("what is behind its glass does not fit into {side_max} pixels"),
+        })?;
+        let texture = self.behind.texture(gpu, (sides, target.samples()));
+        let (mut views, mut shadows) = (Vec::new(), Vec::new());
+        for (index, (of, regions)) in shown.iter().zip(&regions).enumerate() {
+            views.extend(regions.iter().map(|region| region.view(&of.0)));
+            let group = with.shadows.get(index);
+            shadows.extend(regions.iter().filter_map(|_| group.cloned()));
+        }
+        let views: Vec<&ViewDesc> = views.iter().collect();
+        let lists = self.lists_behind(gpu, scene, &views, sides)?;
+        let background = self.background(gpu, scene, target, (with.variant, &views));
+        let environment = scene.environment.as_deref();
+        let context = DrawContext {
+            shadows,
+            ..self.context(
+                gpu,
+                (with.pipelines.to_vec(), environment),
+                scene,
+                (views, None),
+                &lists,
+            )
+        };
+        let descriptor = wgpu::CommandEncoderDescriptor { label: Some("behind") };
+        let mut encoder = gpu.device.create_command_encoder(&descriptor);
+        {
+            let exposure = shown.first().map_or(1.0, |(view, _)| view.exposure);
+            let mut pass = texture.begin(&mut encoder, light_color(sky(scene, exposure)));
+            opaque::encode(&mut pass, &context);
+            if let Some(background) = &background {
+                background.encode(&mut pass, &context);
+            }
+        }
+        drop(context);
+        let view = self.behind.finish(gpu, encoder, texture, sides);
+        let uniform = |(of, regions): (&ShownView, &Vec<_>)| BehindUniform::new(&of.0, regions);
+        let uniforms = shown.iter().zip(&regions).map(uniform).collect();
+        Ok(Some(BehindBinding { view, uniforms }))
+    }
+
+    fn lists_behind(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        views: &[&ViewDesc],
+        sides: [u32; 2],
+    ) -> Result<Vec<DrawList>, DrawError> {
+        self.records.clear();
+        let mut lists = Vec::with_capacity(views.len());
+        for (index, view) in views.iter().enumerate() {
+            let Some(rectangle) = view.rectangle(sides) else {
+                lists.push(DrawList { rectangle: [0, 0, 1, 1], ..DrawList::default() });
+                continue;
+            };
+            let mut visible = VisibleItems::new(scene, view, rectangle);
+            visible.items.retain(|&item| !scene.batch_of(item).blended);
+            let (scratch, records) = (&mut self.scratch, &mut self.records);
+            lists.push(DrawList::new(scene, view, (&visible, &visible.items), scratch, records));
+            check_records(gpu, records.len())
+                .map_err(|reason| DrawError::View { index, reason })?;
+        }
+        Ok(lists)
+    }
+
+    /// The bindings that pipelines are warmed with; `None` for a scene that transmits no light.
+    pub(super) fn behind_nothing(&mut self, gpu: &Gpu, scene: &GpuScene) -> Option<BehindBinding> {
+        let is_used = scene.layout.keys.iter().any(PipelineKey::transmits);
+        is_used.then(|| {
+            let texture = self.behind.texture(gpu, ([1, 1], 1));
+            BehindBinding { view: texture.all, uniforms: vec![BehindUniform::default()] }
+        })
+    }
+}
+
+/// Returns the pictures that each view needs.
+fn planned(scene: &GpuScene, shown: &[ShownView]) -> Vec<Vec<BehindRegion>> {
+    if !scene.layout.keys.iter().any(PipelineKey::transmits) {
+        return vec![Vec::new(); shown.len()];
+    }
+    let of_view = |(view, visible): &ShownView| {
+        let transmits = |item: &u32| {
+            let batch = scene.batch_of(*item);
+            scene.layout.keys[batch.pipeline as usize].transmits()
+        };
+        let items: Vec<u32> = visible.items.iter().copied().filter(transmits).collect();
+        let touched = touched(scene, view, visible.rectangle, &items);
+        touched.map_or_else(Vec::new, |rectangle| BehindRegion::of_view(view, rectangle))
+    };
+    shown.iter().map(of_view).collect()
+}
+
+/// Places all pictures, or only the wide ones if there is no room for the sharp ones: a frame that
+/// is less sharp behind glass is better than none.
+fn packed(regions: &mut [Vec<BehindRegion>], side_max: u32) -> Option<[u32; 2]> {
+    pack(regions.iter_mut().flatten(), side_max).or_else(|| {
+        for of_view in &mut *regions {
+            of_view.drain(..of_view.len().saturating_sub(1));
+        }
+        pack(regions.iter_mut().flatten(), side_max)
+    })
+}
+
+impl BehindPictures {
+    /// Returns whether nothing of it was needed yet.
+    #[cfg(test)]
+    pub fn is_empty(&self) -> bool {
+        self.pass.is_none() && self.texture.is_none()
+    }
+
+    fn age(&mut self) {
+        self.unused_frames += 1;
+        if self.unused_frames > KEPT_FRAMES {
+            (self.texture, self.unused_frames) = (None, 0);
+        }
+    }
+
+    /// Takes the texture out; [`Self::finish`] puts it back.
+    fn texture(&mut self, gpu: &Gpu, sides: ([u32; 2], u32)) -> BehindTexture {
+        let pass = self.pass.get_or_insert_with(|| BehindPass::new(gpu));
+        pass.texture(gpu, self.texture.take(), sides)
+    }
+
+    fn finish(
+        &mut self,
+        gpu: &Gpu,
+        mut encoder: wgpu::CommandEncoder,
+        texture: BehindTexture,
+        used: [u32; 2],
+    ) -> wgpu::TextureView {
+        if let Some(pass) = &self.pass {
+            pass.encode_levels(&mut encoder, &texture, used);
+        }
+        // The queue draws it before the frame that is submitted next.
+        Submission::new(gpu, encoder);
+        self.unused_frames = 0;
+        self.texture.insert(texture).all.clone()
+    }
+}

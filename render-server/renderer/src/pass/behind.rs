@@ -1,0 +1,166 @@
+//! The texture of what is behind surfaces that transmit light, and the halving of its levels.
+
+use crate::behind_region::LEVELS;
+use crate::gpu::Gpu;
+use crate::pass::tonemap::{resume, screen_pipeline};
+use crate::target::{DEPTH_FORMAT, LINEAR_FORMAT};
+use crate::{bindings, shader};
+
+/// The fragment stage.
+pub(crate) const SOURCE: &str = include_str!("behind.wgsl");
+
+/// Sides of the texture are multiples of so many texels, so that it is not made anew in each frame
+/// of a camera that moves.
+const SIDE_STEP: u32 = 256;
+
+/// The texture of all pictures of a frame.
+#[derive(Debug)]
+pub(crate) struct BehindTexture {
+    size: [u32; 2],
+    samples: u32,
+    levels: Vec<wgpu::TextureView>,
+    pub all: wgpu::TextureView,
+    /// Only with several samples per texel.
+    multisampled: Option<wgpu::TextureView>,
+    depth: wgpu::TextureView,
+    groups: Vec<wgpu::BindGroup>,
+}
+
+/// The pass that halves.
+#[derive(Debug)]
+pub(crate) struct BehindPass {
+    pipeline: wgpu::RenderPipeline,
+    group_layout: wgpu::BindGroupLayout,
+    sampler: wgpu::Sampler,
+}
+
+impl BehindPass {
+    pub fn new(gpu: &Gpu) -> Self {
+        let group_layout = bindings::picture_layout(&gpu.device);
+        let text = shader::screen(SOURCE);
+        let names = ["behind", "halve"];
+        let pipeline = screen_pipeline(gpu, names, &text, &group_layout, LINEAR_FORMAT, &[]);
+        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("behind/sampler"),
+            ..Default::default()
+        });
+        Self { pipeline, group_layout, sampler }
+    }
+
+    /// Returns a texture that holds these sides, the one that is there if it does.
+    pub fn texture(
+        &self,
+        gpu: &Gpu,
+        held: Option<BehindTexture>,
+        (sides, samples): ([u32; 2], u32),
+    ) -> BehindTexture {
+        let side_max = gpu.device.limits().max_texture_dimension_2d;
+        let mut size = sides.map(|side| side.next_multiple_of(SIDE_STEP).min(side_max));
+        if let Some(held) = held.filter(|held| held.samples == samples) {
+            if held.size.iter().zip(size).all(|(held, side)| *held >= side) {
+                return held;
+            }
+            size = [size[0].max(held.size[0]), size[1].max(held.size[1])];
+        }
+        self.made(gpu, size, samples)
+    }
+
+    fn made(&self, gpu: &Gpu, size: [u32; 2], samples: u32) -> BehindTexture {
+        let [width, height] = size;
+        let make = |label, format, (sample_count, mip_level_count), usage| {
+            gpu.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+                mip_level_count,
+                sample_count,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: usage | wgpu::TextureUsages::RENDER_ATTACHMENT,
+                view_formats: &[],
+            })
+        };
+        let whole = wgpu::TextureViewDescriptor::default();
+        let none = wgpu::TextureUsages::empty();
+        let read = wgpu::TextureUsages::TEXTURE_BINDING;
+        let color = make("behind/color", LINEAR_FORMAT, (1, LEVELS + 1), read);
+        let level = |base_mip_level| {
+            color.create_view(&wgpu::TextureViewDescriptor {
+                base_mip_level,
+                mip_level_count: Some(1),
+                ..Default::default()
+            })
+        };
+        let levels: Vec<_> = (0..=LEVELS).map(level).collect();
+        let group = |view| {
+            let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("behind/group"),
+                layout: &self.group_layout,
+                entries: &[
+                    entry(0, wgpu::BindingResource::TextureView(view)),
+                    entry(1, wgpu::BindingResource::Sampler(&self.sampler)),
+                ],
+            })
+        };
+        let many = || make("behind/multisampled", LINEAR_FORMAT, (samples, 1), none);
+        BehindTexture {
+            size,
+            samples,
+            groups: levels.iter().map(group).collect(),
+            levels,
+            all: color.create_view(&whole),
+            multisampled: (samples > 1).then(|| many().create_view(&whole)),
+            depth: make("behind/depth", DEPTH_FORMAT, (samples, 1), none).create_view(&whole),
+        }
+    }
+
+    /// Halves the used part of the finest level again and again.
+    pub fn encode_levels(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        texture: &BehindTexture,
+        used: [u32; 2],
+    ) {
+        for level in 1..=LEVELS {
+            let view = &texture.levels[level as usize];
+            let mut pass = resume(encoder, "behind/halve", view);
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(1, &texture.groups[level as usize - 1], &[]);
+            pass.set_scissor_rect(0, 0, used[0] >> level, used[1] >> level);
+            pass.draw(0..3, 0..1);
+        }
+    }
+}
+
+impl BehindTexture {
+    /// Begins the pass over what is opaque.
+    pub fn begin<'a>(
+        &self,
+        encoder: &'a mut wgpu::CommandEncoder,
+        sky: wgpu::Color,
+    ) -> wgpu::RenderPass<'a> {
+        let single = &self.levels[0];
+        let (view, resolve_target, store) = match &self.multisampled {
+            Some(many) => (many, Some(single), wgpu::StoreOp::Discard),
+            None => (single, None, wgpu::StoreOp::Store),
+        };
+        encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("behind/pass"),
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view,
+                depth_slice: None,
+                resolve_target,
+                ops: wgpu::Operations { load: wgpu::LoadOp::Clear(sky), store },
+            })],
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: &self.depth,
+                depth_ops: Some(wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(0.0),
+                    store: wgpu::StoreOp::Discard,
+                }),
+                stencil_ops: None,
+            }),
+            ..Default::default()
+        })
+    }
+}
