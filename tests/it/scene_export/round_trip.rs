@@ -96,7 +96,8 @@ fn material(random: &mut Rng, scene: &mut Scene, store: &BlobStore) {
         base_color: Vec4::new(unit(random), unit(random), unit(random), unit(random)),
         metallic: unit(random),
         roughness: unit(random),
-        emissive: Vec3::splat(unit(random) * random.f32() * 100.0) * direction(random).abs(),
+        // Dim, so that no bake takes them for real units.
+        emissive: Vec3::splat(unit(random) * random.f32() * 10.0) * direction(random).abs(),
         normal_scale: normal_texture.map_or(1.0, |_| signed(random)),
         occlusion_strength: occlusion_texture.map_or(1.0, |_| unit(random)),
         alpha_mode: match random.u8(0..3) {

@@ -1,6 +1,6 @@
 // KHR_materials_transmission, KHR_materials_volume and KHR_materials_dispersion: light from behind
-// a surface, out of the pictures of `behind_region.rs`. All lengths on the screen are in pixels, and
-// none depends on what a channel shows.
+// a surface, out of the pictures of `behind_region.rs`. All lengths on the screen are in pixels,
+// and none depends on what a channel shows.
 
 struct Region {
     // The corner in pixels of the target, and in texels of the texture.
@@ -162,7 +162,8 @@ fn light_behind(
     var light = behind_at(pixel, middle, behind_detail(roughness, middle)); //? volume
     // By `KHR_materials_dispersion`: 20 over the Abbe number, from blue to red. //? dispersion
     let spread = (1.0 / ratio - 1.0) * 0.025 * extension.transmission.w; //? dispersion
-    let red = refracted_offset(s, position, 1.0 / max(1.0 / ratio - spread, 1.0), way); //? dispersion
+    let least = 1.0 / max(1.0 / ratio - spread, 1.0); //? dispersion
+    let red = refracted_offset(s, position, least, way); //? dispersion
     let blue = refracted_offset(s, position, 1.0 / (1.0 / ratio + spread), way); //? dispersion
     light.r = behind_at(pixel, red, behind_detail(roughness, red)).r; //? dispersion
     light.b = behind_at(pixel, blue, behind_detail(roughness, blue)).b; //? dispersion
