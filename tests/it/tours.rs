@@ -126,9 +126,12 @@ fn a_film_of_a_tour_is_the_same_again_whatever_happens_to_a_server() {
     let report = film.finish(wait::LIMIT).succeeded();
     let report: Value = serde_json::from_str(&report).expect("JSON");
     assert_eq!(report["written"], FRAMES);
-    // Between two captures nothing is lost: the next one waits for the manager.
-    let mut redrawn = report["redrawn"].as_array().expect("a list").iter();
-    assert!(redrawn.all(|frame| frame["lost"].is_string()), "{report}");
+    // Nothing is lost between two captures: the next one waits for the manager. Its frame may
+    // come before a server is back, and is drawn again.
+    for frame in report["redrawn"].as_array().expect("a list") {
+        let reason = if frame["lost"].is_null() { &frame["missing"][0][1] } else { &frame["lost"] };
+        assert!(reason.is_string(), "{report}");
+    }
     assert!(pictures(&third, &screen, FRAMES) == first, "the same pictures");
 }
 
