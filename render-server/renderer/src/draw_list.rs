@@ -14,7 +14,7 @@ use super::item_draws::ItemDraws;
 use super::pass::shadow::casts_shadows;
 use super::pipeline::InstanceRecord;
 use super::scene::{
-    Billboard, Bounds, DrawItem, EyeRelativeTransform, GpuScene, Stance, relative_to,
+    Billboard, Bounds, DrawItem, EyeRelativeTransform, GpuScene, Stance, TriangleOrder, relative_to,
 };
 use super::view::ViewDesc;
 
@@ -35,6 +35,8 @@ pub(crate) struct Draw {
     pub count: u32,
     /// The first of the geometry's indices, and their number.
     pub indices: [u32; 2],
+    /// The indices are those of the frame, in the order of distances.
+    pub ordered: bool,
 }
 
 /// What one view draws.
@@ -64,6 +66,11 @@ pub(crate) struct Scratch {
     ranks: Vec<u32>,
     /// Meshlets of the item that is being drawn.
     chosen: Vec<u32>,
+    /// Runs of its indices, and the depths of its triangles.
+    runs: Vec<Draw>,
+    depths: Vec<(u64, u32)>,
+    /// Indices of all triangles of a frame that are drawn in the order of their distances.
+    pub ordered_indices: Vec<u32>,
 }
 
 /// The items that a view may show, in no particular order.
@@ -164,14 +171,15 @@ impl DrawList {
         sort(scene, view, items, scratch);
         let seen_from =
             SeenFrom { eye: view.eye_in_world, clip_from_eye: view.scaled_clip_from_eye(), turns };
-        let Scratch { opaque, blended, chosen, .. } = scratch;
+        let Scratch { opaque, blended, chosen, runs, depths, ordered_indices, .. } = scratch;
+        let mut order = Order { view, runs, depths, indices: ordered_indices };
         let (tolerance, both_sides) = (*tolerance, *both_sides);
         let mut item_draws = ItemDraws { scene, planes, tolerance, both_sides, chosen };
         for &(_, _, index) in &*opaque {
-            list.add(&mut item_draws, &seen_from, index, instances);
+            list.add(&mut item_draws, &seen_from, index, (&mut order, instances));
         }
         for &(_, index) in &*blended {
-            list.add(&mut item_draws, &seen_from, index, instances);
+            list.add(&mut item_draws, &seen_from, index, (&mut order, instances));
         }
         list
     }
@@ -182,20 +190,29 @@ impl DrawList {
         item_draws: &mut ItemDraws<'_>,
         seen_from: &SeenFrom<'_>,
         index: u32,
-        instances: &mut Vec<InstanceRecord>,
+        (order, instances): (&mut Order<'_>, &mut Vec<InstanceRecord>),
     ) {
         let scene = item_draws.scene;
         let (item, stance, origin) = seen_from.place(scene, index);
         let batch = &scene.layout.batches[item.batch as usize];
         let indices = [0, scene.geometry_of(item.batch).index_count];
         let (pipeline, first) = (batch.pipeline, instances.len() as u32);
-        let whole = Draw { batch: item.batch, pipeline, first, count: 1, indices };
+        let ordered = false;
+        let whole = Draw { batch: item.batch, pipeline, first, count: 1, indices, ordered };
         instances.push(seen_from.record(scene, item, &stance, origin));
         let draws = if batch.blended { &mut self.transparent } else { &mut self.opaque };
-        if let Some(pipeline) = batch.back_pipeline {
-            item_draws.add((&stance, origin), Draw { pipeline, ..whole }, draws);
-        }
-        let drawn = item_draws.add((&stance, origin), whole, draws);
+        let drawn = if let Some((triangles, pipeline)) = scene.order_of(item.batch) {
+            order.runs.clear();
+            let whole = Draw { pipeline, ..whole };
+            let drawn = item_draws.add((&stance, origin), whole, order.runs);
+            draws.extend(order.draw(scene, triangles, (&stance, origin), whole));
+            drawn
+        } else {
+            if let Some(pipeline) = batch.back_pipeline {
+                item_draws.add((&stance, origin), Draw { pipeline, ..whole }, draws);
+            }
+            item_draws.add((&stance, origin), whole, draws)
+        };
         self.triangles += drawn.triangles;
         self.error_share = self.error_share.max(drawn.error_share as f32);
     }
@@ -206,14 +223,46 @@ pub(crate) fn samples_of(scene: &GpuScene) -> Vec<Draw> {
     let mut known = BTreeSet::new();
     let mut draws = Vec::new();
     for (batch, b) in (0u32..).zip(&scene.layout.batches) {
-        for pipeline in [b.back_pipeline, Some(b.pipeline)].into_iter().flatten() {
+        let pipelines = [b.back_pipeline, Some(b.pipeline), b.ordered_pipeline];
+        for pipeline in pipelines.into_iter().flatten() {
             if known.insert((pipeline, b.material)) {
                 let indices = [0, scene.geometry_of(batch).index_count];
-                draws.push(Draw { batch, pipeline, first: 0, count: 1, indices });
+                let first_draw =
+                    Draw { batch, pipeline, first: 0, count: 1, indices, ordered: false };
+                draws.push(first_draw);
             }
         }
     }
     draws
+}
+
+/// The triangles of blended items in the order of their distances.
+struct Order<'a> {
+    view: &'a ViewDesc,
+    /// Runs of the indices of an item.
+    runs: &'a mut Vec<Draw>,
+    depths: &'a mut Vec<(u64, u32)>,
+    /// Those of the frame, which grow by an item's.
+    indices: &'a mut Vec<u32>,
+}
+
+impl Order<'_> {
+    /// Orders the triangles in the runs of an item; `None` without any.
+    fn draw(
+        &mut self,
+        scene: &GpuScene,
+        triangles: &TriangleOrder,
+        (stance, origin): (&Stance, DVec3),
+        whole: Draw,
+    ) -> Option<Draw> {
+        let first = self.indices.len() as u32;
+        let bent = scene.geometry_of(whole.batch).bent.as_ref().and_then(|bent| bent.positions());
+        let runs = self.runs.iter().map(|run| run.indices);
+        let depth = |at: DVec3| self.view.point_depth(origin + stance.linear * at);
+        triangles.append((runs, bent.as_deref()), depth, (self.depths, self.indices));
+        let count = self.indices.len() as u32 - first;
+        (count > 0).then_some(Draw { indices: [first, count], ordered: true, ..whole })
+    }
 }
 
 /// The viewpoint that records are relative to.
@@ -332,7 +381,7 @@ fn sort(scene: &GpuScene, view: &ViewDesc, items: &[u32], scratch: &mut Scratch)
 
 /// Bits in the order of the numbers: those of negative ones turned around, below all others. A
 /// box without bounds counts as farthest.
-fn rising(number: f64) -> u64 {
+pub(crate) fn rising(number: f64) -> u64 {
     let number = if number.is_nan() { f64::INFINITY } else { number };
     let bits = number.to_bits();
     if number.is_sign_negative() { !bits } else { bits | 1 << 63 }

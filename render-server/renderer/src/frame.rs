@@ -57,6 +57,7 @@ pub(crate) struct FrameResources {
     uniforms: FrameBuffer,
     lamps: FrameBuffer,
     instances: FrameBuffer,
+    ordered_indices: FrameBuffer,
     behind_uniforms: FrameBuffer,
     behind: BehindPictures,
     group_layout: wgpu::BindGroupLayout,
@@ -80,6 +81,7 @@ impl FrameResources {
             uniforms: FrameBuffer::new("frame/uniforms", wgpu::BufferUsages::UNIFORM),
             lamps: FrameBuffer::new("frame/lamps", wgpu::BufferUsages::STORAGE),
             instances: FrameBuffer::new("frame/instances", vertex),
+            ordered_indices: FrameBuffer::new("frame/ordered_indices", wgpu::BufferUsages::INDEX),
             behind_uniforms: FrameBuffer::new("frame/behind", wgpu::BufferUsages::UNIFORM),
             behind: BehindPictures::default(),
             group_layout: super::bindings::frame_layout(&gpu.device),
@@ -280,7 +282,7 @@ impl FrameResources {
         scene: &GpuScene,
         shown: &[ShownView],
     ) -> Result<Vec<DrawList>, DrawError> {
-        self.records.clear();
+        self.clear_lists();
         let mut lists = Vec::with_capacity(shown.len());
         for (index, (view, visible)) in shown.iter().enumerate() {
             let (scratch, records) = (&mut self.scratch, &mut self.records);
@@ -289,6 +291,12 @@ impl FrameResources {
                 .map_err(|reason| DrawError::View { index, reason })?;
         }
         Ok(lists)
+    }
+
+    /// Forgets the records and ordered triangles of the lists before.
+    fn clear_lists(&mut self) {
+        self.records.clear();
+        self.scratch.ordered_indices.clear();
     }
 
     /// Gives back room that the frame did not need.
@@ -327,7 +335,7 @@ impl FrameResources {
         };
         let opaque = samples_of(scene);
         let lists = [DrawList { rectangle: [0, 0, 1, 1], opaque, ..DrawList::default() }];
-        self.records.clear();
+        self.clear_lists();
         self.records.push(InstanceRecord::default());
         let environment = scene.environment.is_some();
         let variant =
@@ -412,6 +420,7 @@ impl FrameResources {
             });
             (group, stride as u32)
         });
+        let ordered = &self.scratch.ordered_indices;
         DrawContext {
             scene,
             pipelines,
@@ -422,6 +431,8 @@ impl FrameResources {
             behind,
             shadows: Vec::new(),
             instances: self.instances.write(gpu, bytemuck::cast_slice(&self.records)),
+            ordered_indices: (!ordered.is_empty())
+                .then(|| self.ordered_indices.write(gpu, bytemuck::cast_slice(ordered))),
             uniform_stride: uniform_size as u32,
             lamp_stride: lamp_stride as u32,
             index_count_max: u32::MAX,

@@ -20,6 +20,7 @@ mod outline;
 mod slots;
 mod subset;
 mod texture;
+mod triangle_order;
 
 use std::sync::Arc;
 
@@ -46,6 +47,7 @@ pub(crate) use material_extension::{ExtensionFeatures, ExtensionUniform};
 pub(crate) use meshlet::{MeshletCull, Meshlets, joined};
 pub use moved_items::{MovedItems, MovedNode};
 pub(crate) use subset::Selection;
+pub(crate) use triangle_order::TriangleOrder;
 
 /// Items that one draw call can draw: one geometry, one material, one winding.
 #[derive(Clone, Debug)]
@@ -58,6 +60,9 @@ pub(crate) struct Batch {
     pub pipeline: u32,
     /// Draws the back faces first; only for double-sided blended triangles.
     pub back_pipeline: Option<u32>,
+    /// Draws both sides at once; only for blended triangles, where they are in the order of their
+    /// distances.
+    pub ordered_pipeline: Option<u32>,
     /// Drawn after what is opaque, far to near: it is blended, or transmits light.
     pub blended: bool,
     /// The bit of the layer of its items; 0 if they are in none.
@@ -75,6 +80,8 @@ pub struct GpuScene {
     /// Items that stand elsewhere than in the layout.
     moved: Option<Arc<MovedItems>>,
     pub(crate) geometries: Arc<Vec<Geometry>>,
+    /// For each batch, whether its triangles are drawn in the order of their distances.
+    ordered: Arc<[bool]>,
     pub(crate) materials: Arc<Vec<MaterialGroups>>,
     pub(crate) lamp_indices: wgpu::Buffer,
     /// By slot; what materials are made of.
@@ -135,8 +142,14 @@ impl GpuScene {
         } else {
             builder::index_buffer(gpu, &[&layout.lights.indices[..], now].concat())
         };
+        let ordered = if is_same {
+            Arc::clone(&self.ordered)
+        } else {
+            triangle_order::ordered_batches(&layout, &self.geometries)
+        };
         Ok(Self {
             lamp_indices,
+            ordered,
             layout,
             moved,
             geometries: Arc::clone(&self.geometries),
@@ -245,6 +258,14 @@ impl GpuScene {
     /// The geometry of a batch.
     pub(crate) fn geometry_of(&self, batch: u32) -> &Geometry {
         &self.geometries[self.layout.batches[batch as usize].geometry as usize]
+    }
+
+    /// The triangles of a batch, and the pipeline of both their sides, if they are drawn in the
+    /// order of their distances.
+    pub(crate) fn order_of(&self, batch: u32) -> Option<(&TriangleOrder, u32)> {
+        let pipeline = self.layout.batches[batch as usize].ordered_pipeline?;
+        let order = self.geometry_of(batch).order.as_deref()?;
+        self.ordered[batch as usize].then_some((order, pipeline))
     }
 
     /// Different pipelines that it needs.

@@ -24,4 +24,5 @@ mod targets_together;
 mod terrain;
 mod tiles;
 mod transmission;
+mod triangle_order;
 mod unlit;

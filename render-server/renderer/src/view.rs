@@ -176,7 +176,17 @@ impl ViewDesc {
         if by_nearest {
             of.distance_squared(self.middle_eye_in_world)
         } else {
-            of.center().distance_squared(self.middle_eye_in_world)
+            self.point_depth(of.center())
+        }
+    }
+
+    /// A measure of how far away a point in world space is, the same for both eyes: the square of
+    /// its distance, or its depth where rays are parallel.
+    pub(crate) fn point_depth(&self, point: DVec3) -> f64 {
+        if self.is_parallel() {
+            self.forward().dot(point - self.eye_in_world)
+        } else {
+            point.distance_squared(self.middle_eye_in_world)
         }
     }
 

@@ -124,7 +124,7 @@ impl FrameResources {
         views: &[&ViewDesc],
         sides: [u32; 2],
     ) -> Result<Vec<DrawList>, DrawError> {
-        self.records.clear();
+        self.clear_lists();
         let mut lists = Vec::with_capacity(views.len());
         for (index, view) in views.iter().enumerate() {
             let Some(rectangle) = view.rectangle(sides) else {

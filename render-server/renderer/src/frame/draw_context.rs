@@ -19,6 +19,8 @@ pub(crate) struct DrawContext<'a> {
     /// The bindings of each view; empty where no light casts shadows.
     pub(super) shadows: Vec<wgpu::BindGroup>,
     pub(super) instances: &'a wgpu::Buffer,
+    /// Indices of what is drawn in the order of distances; `None` without any.
+    pub(super) ordered_indices: Option<&'a wgpu::Buffer>,
     pub(super) uniform_stride: u32,
     pub(super) lamp_stride: u32,
     /// No more indices of a geometry than this are drawn.
@@ -77,10 +79,18 @@ impl DrawContext<'_> {
                 }
             }
             let shape = &self.scene.geometries[batch.geometry as usize];
-            if geometry.replace(batch.geometry) != Some(batch.geometry) {
+            let drawn = (batch.geometry, draw.ordered);
+            if geometry.replace(drawn) != Some(drawn) {
                 pass.set_vertex_buffer(0, shape.vertices.slice(..shape.vertex_bytes));
-                let indices = shape.indices.slice(shape.first_index_byte..);
-                pass.set_index_buffer(indices, shape.index_format);
+                match self.ordered_indices.filter(|_| draw.ordered) {
+                    Some(ordered) => {
+                        pass.set_index_buffer(ordered.slice(..), wgpu::IndexFormat::Uint32);
+                    }
+                    None => {
+                        let indices = shape.indices.slice(shape.first_index_byte..);
+                        pass.set_index_buffer(indices, shape.index_format);
+                    }
+                }
             }
             let [start, count] = draw.indices;
             let indices = start..start + count.min(self.index_count_max);

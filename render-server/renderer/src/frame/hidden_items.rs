@@ -90,7 +90,7 @@ impl FrameResources {
         target: &mut Target,
         shown: &[ShownView],
     ) -> Result<Option<OccluderDepths>, DrawError> {
-        self.records.clear();
+        self.clear_lists();
         let mut lists = Vec::with_capacity(shown.len());
         for (index, (view, visible)) in shown.iter().enumerate() {
             let mut items = visible.items.clone();

@@ -287,7 +287,7 @@ impl SunShadows {
         scene: &GpuScene,
         (shown, orders): (&[ShownView], &[Order]),
     ) -> Result<(), DrawError> {
-        frames.records.clear();
+        frames.clear_lists();
         let (mut lists, mut views) = (Vec::new(), Vec::new());
         for Order { view: index, set, cascade, .. } in orders {
             let camera = &shown[*index].0;

@@ -48,4 +48,13 @@ impl BentVertices {
         written.shape = Some(shape.clone());
         written.bounds
     }
+
+    /// Returns the positions of the vertices as they were written last; `None` before that.
+    pub fn positions(&self) -> Option<Vec<Vec3>> {
+        let written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
+        written.shape.as_ref()?;
+        let stride = self.deformer.layout.stride() as usize / 4;
+        let vertices = written.floats.chunks_exact(stride);
+        Some(vertices.map(|of| Vec3::new(of[0], of[1], of[2])).collect())
+    }
 }

@@ -4,14 +4,14 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use polyptych_scene::deformation::Deformer;
-use polyptych_scene::{Sampler, Scene};
+use polyptych_scene::{Fill, Sampler, Scene};
 
 use super::bent_vertices::BentVertices;
 use super::geometry::{self, Geometry};
 use super::layout::SceneLayout;
 use super::meshlet::Meshlets;
 use super::outline::Outline;
-use super::{GpuScene, MaterialGroups, material, outline, texture};
+use super::{GpuScene, MaterialGroups, material, outline, texture, triangle_order};
 use crate::gpu::Gpu;
 
 /// Why a scene cannot be brought to the GPU.
@@ -168,8 +168,12 @@ impl SceneBuilder {
         };
         for (of, outline) in self.layout.outlines.iter().zip(&mut self.outlines) {
             if of.slot == slot && outline.is_none() {
-                let indices = outline::indices(desc, bytes, of.fill);
-                *outline = Some(geometry.with_indices(gpu, &indices).map_err(fault)?);
+                *outline = Some(if of.fill == Fill::Solid {
+                    geometry.blended(desc, bytes)
+                } else {
+                    let indices = outline::indices(desc, bytes, of.fill);
+                    geometry.with_indices(gpu, &indices).map_err(fault)?
+                });
             }
         }
         self.geometries[slot] = Some(geometry);
@@ -203,7 +207,7 @@ impl SceneBuilder {
     ///
     /// # Errors
     /// A mesh or a texture has not been uploaded.
-    pub fn finish(self, gpu: &Gpu) -> Result<GpuScene, SceneError> {
+    pub fn finish(mut self, gpu: &Gpu) -> Result<GpuScene, SceneError> {
         if let Some(index) = self.layout.textures.first_missing(&self.textures) {
             return Err(SceneError::Missing(format!("texture {index}")));
         }
@@ -222,10 +226,18 @@ impl SceneBuilder {
         // None is missing, so that each stays in its slot.
         let textures: Arc<Vec<_>> = Arc::new(self.textures.into_iter().flatten().collect());
         let materials = Arc::new(materials(gpu, &self.layout, &textures));
+        for (of, outline) in self.layout.outlines.iter().zip(&mut self.outlines) {
+            // Vertices are bent in the buffer that both read.
+            let bent = self.geometries[of.slot].as_ref().and_then(|own| own.bent.clone());
+            if let Some(outline) = outline {
+                outline.bent = bent;
+            }
+        }
         let geometries = self.geometries.into_iter().chain(self.outlines).flatten();
-        let geometries = Arc::new(geometries.collect());
+        let geometries: Arc<Vec<Geometry>> = Arc::new(geometries.collect());
         let (content_bytes, layout) = (self.layout.content_bytes(), self.layout);
         Ok(GpuScene {
+            ordered: triangle_order::ordered_batches(&layout, &geometries),
             layout,
             moved: None,
             geometries,

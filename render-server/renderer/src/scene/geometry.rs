@@ -7,6 +7,7 @@ use polyptych_scene::{IndexFormat, Primitive};
 
 use super::bent_vertices::BentVertices;
 use super::meshlet::Meshlets;
+use super::triangle_order::TriangleOrder;
 use crate::gpu::Gpu;
 
 /// Vertices, and the indices that are drawn of them.
@@ -26,6 +27,8 @@ pub(crate) struct Geometry {
     pub meshlets: Option<Arc<Meshlets>>,
     /// The vertices as clips bend them, if they do.
     pub bent: Option<Arc<BentVertices>>,
+    /// Its triangles, if it is blended and their order can be seen.
+    pub order: Option<Arc<TriangleOrder>>,
 }
 
 impl Geometry {
@@ -76,7 +79,21 @@ impl Geometry {
             index_format,
             meshlets: meshlets.map(Arc::new),
             bent: None,
+            order: None,
         })
+    }
+
+    /// The same, to be blended: with its triangles if their order can be seen.
+    pub fn blended(&self, desc: &Primitive, bytes: &[u8]) -> Self {
+        let (vertices, rest) = bytes.split_at(desc.vertex_bytes() as usize);
+        let indices = &rest[..(desc.geometry_bytes() - desc.vertex_bytes()) as usize];
+        let width = indices.len() / desc.index_count_of_all().max(1) as usize;
+        let indices = self
+            .meshlets
+            .as_ref()
+            .map_or(Cow::Borrowed(indices), |meshlets| meshlets.in_draw_order(indices, width));
+        let order = TriangleOrder::new(desc, vertices, &indices).map(Arc::new);
+        Self { order, ..self.clone() }
     }
 
     /// These vertices with other indices, which are drawn whole.

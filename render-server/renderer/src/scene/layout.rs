@@ -365,10 +365,22 @@ impl Sorter {
     }
 
     /// Returns the geometry of a placement, and what it makes.
-    fn geometry_of(&mut self, look: &Look, placement: &PrimitiveInstance<'_>) -> (usize, Topology) {
-        let (slot, fill) = (look.geometry, look.style.fill.unwrap_or_default());
-        let topology = placement.desc.topology;
-        let Some(topology) = outline::drawn(topology, fill) else { return (slot, topology) };
+    fn geometry_of(
+        &mut self,
+        look: &Look,
+        placement: &PrimitiveInstance<'_>,
+        is_blend: bool,
+    ) -> (usize, Topology) {
+        let (slot, mut fill) = (look.geometry, look.style.fill.unwrap_or_default());
+        let own = placement.desc.topology;
+        let drawn = outline::drawn(own, fill);
+        if drawn.is_none() {
+            if !is_blend || placement.desc.triangles() < 2 {
+                return (slot, own);
+            }
+            fill = Fill::Solid;
+        }
+        let topology = drawn.unwrap_or(own);
         let known = self.outlines.iter().position(|of| of.slot == slot && of.fill == fill);
         let index = known.unwrap_or_else(|| {
             let (mesh, primitive) = (placement.mesh as usize, placement.primitive as usize);
@@ -399,14 +411,16 @@ impl Sorter {
         let primitive = placement.desc;
         // The default material stands behind all others.
         let plain = primitive.material.unwrap_or(desc.materials.len() as u32);
-        let (geometry, topology) = self.geometry_of(&look, placement);
+        let described = desc.materials.get(plain as usize);
+        let is_blend = described.is_some_and(|of| of.alpha_mode == AlphaMode::Blend);
+        let (geometry, topology) = self.geometry_of(&look, placement, is_blend);
         let (material, styled) = self.material_of(desc, plain, look.style);
         let layer = look.layer;
         let mirrored = placement.is_mirrored;
         let next = self.batches.len() as u32;
         let index = *self.known.entry((geometry, layer, material, mirrored)).or_insert(next);
         if index == next {
-            let described = desc.materials.get(plain as usize).unwrap_or(&self.default_material);
+            let described = described.unwrap_or(&self.default_material);
             let layout = primitive.layout;
             let features = styled.map_or_else(
                 || material::features(described, layout),
@@ -466,11 +480,13 @@ impl Sorter {
         } else {
             (self.key_index(key), None)
         };
+        let ordered_pipeline = (is_blend && triangles > 1).then(|| self.key_index(key));
         Batch {
             geometry: 0,
             material: 0,
             pipeline,
             back_pipeline,
+            ordered_pipeline,
             blended,
             layer: 0,
             bounds: Bounds::EMPTY,

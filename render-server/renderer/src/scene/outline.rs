@@ -1,15 +1,17 @@
-//! Edges and vertices of triangles, for nodes whose style shows only these.
+//! Edges and vertices of triangles, for nodes whose style shows only these, and triangles that are
+//! drawn in the order of their distances.
 //!
 //! Lines are drawn from indices, and not by a GPU that fills no polygons: that is an option which
 //! not every GPU has, and it would draw an edge of two triangles twice.
 
 use polyptych_scene::{Fill, Primitive, Topology};
 
-/// A primitive of which edges or vertices are drawn.
+/// A primitive of which edges or vertices are drawn, or whose triangles are blended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Outline {
     /// The slot of its geometry.
     pub slot: usize,
+    /// [`Fill::Solid`] where its triangles are blended.
     pub fill: Fill,
     /// One of the meshes that have it, and its index there.
     pub mesh: usize,

@@ -384,7 +384,9 @@ fn parallel_rays_show_one_error_at_all_distances() {
 
 #[test]
 fn back_faces_of_glass_are_drawn_at_the_levels_of_its_front() {
-    let scene = scene(&Terrain::mesh(1, hills), glass(), &places());
+    // More triangles than are ordered by distance.
+    let places: Vec<DAffine3> = places().into_iter().cycle().take(600).collect();
+    let scene = scene(&Terrain::mesh(1, hills), glass(), &places);
     let view = allowing(pixels(2.0), &eyes().next().unwrap());
     let draws = list(&scene, &view).transparent;
     let of = |pipeline: u32| -> Vec<[u32; 2]> {
@@ -395,4 +397,22 @@ fn back_faces_of_glass_are_drawn_at_the_levels_of_its_front() {
     assert!(of(a).len() > 2 && of(a) == of(b), "{draws:?}");
     let whole = |draw: &Draw| draw.indices[1] == terrain(true).indices.len() as u32;
     assert!(!draws.iter().all(whole));
+}
+
+#[test]
+fn ordered_triangles_of_glass_are_those_of_its_levels() {
+    let [ordered, as_they_come] = [1, 200].map(|times| {
+        let places = places();
+        let places: Vec<DAffine3> =
+            places.iter().copied().cycle().take(places.len() * times).collect();
+        let scene = scene(&Terrain::mesh(1, hills), glass(), &places);
+        let view = allowing(pixels(2.0), &eyes().next().unwrap());
+        let list = list(&scene, &view);
+        assert!(list.transparent.iter().all(|draw| draw.ordered == (times == 1)));
+        let indices: u32 = list.transparent.iter().map(|draw| draw.indices[1] * draw.count).sum();
+        (indices, list.triangles)
+    });
+    assert_eq!(ordered.0, 3 * ordered.1 as u32);
+    // Others draw each twice, of all places.
+    assert_eq!(as_they_come.0, 2 * 200 * ordered.0);
 }
