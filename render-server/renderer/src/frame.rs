@@ -420,7 +420,6 @@ impl FrameResources {
             });
             (group, stride as u32)
         });
-        let ordered = &self.scratch.ordered_indices;
         DrawContext {
             scene,
             pipelines,
@@ -431,8 +430,7 @@ impl FrameResources {
             behind,
             shadows: Vec::new(),
             instances: self.instances.write(gpu, bytemuck::cast_slice(&self.records)),
-            ordered_indices: (!ordered.is_empty())
-                .then(|| self.ordered_indices.write(gpu, bytemuck::cast_slice(ordered))),
+            ordered_indices: self.ordered_indices.write_any(gpu, &self.scratch.ordered_indices),
             uniform_stride: uniform_size as u32,
             lamp_stride: lamp_stride as u32,
             index_count_max: u32::MAX,

@@ -82,14 +82,11 @@ impl DrawContext<'_> {
             let drawn = (batch.geometry, draw.ordered);
             if geometry.replace(drawn) != Some(drawn) {
                 pass.set_vertex_buffer(0, shape.vertices.slice(..shape.vertex_bytes));
-                match self.ordered_indices.filter(|_| draw.ordered) {
-                    Some(ordered) => {
-                        pass.set_index_buffer(ordered.slice(..), wgpu::IndexFormat::Uint32);
-                    }
-                    None => {
-                        let indices = shape.indices.slice(shape.first_index_byte..);
-                        pass.set_index_buffer(indices, shape.index_format);
-                    }
+                if let Some(ordered) = self.ordered_indices.filter(|_| draw.ordered) {
+                    pass.set_index_buffer(ordered.slice(..), wgpu::IndexFormat::Uint32);
+                } else {
+                    let indices = shape.indices.slice(shape.first_index_byte..);
+                    pass.set_index_buffer(indices, shape.index_format);
                 }
             }
             let [start, count] = draw.indices;

@@ -27,6 +27,11 @@ impl FrameBuffer {
         Self { label, usage: usage | wgpu::BufferUsages::COPY_DST, buffer: None }
     }
 
+    /// Writes numbers if there are any.
+    pub fn write_any(&mut self, gpu: &Gpu, numbers: &[u32]) -> Option<&wgpu::Buffer> {
+        (!numbers.is_empty()).then(|| self.write(gpu, bytemuck::cast_slice(numbers)))
+    }
+
     pub fn write(&mut self, gpu: &Gpu, bytes: &[u8]) -> &wgpu::Buffer {
         let needed = bytes.len().max(4) as u64;
         let buffer = match self.buffer.take() {

@@ -107,9 +107,7 @@ pub(super) fn ordered_batches(layout: &SceneLayout, geometries: &[Geometry]) -> 
 
 /// The position of an interleaved vertex.
 fn position(vertex: &[u8]) -> Vec3 {
-    let float = |at: usize| {
-        vertex.get(at..at + 4).map_or(0.0, |bytes| bytemuck::pod_read_unaligned::<f32>(bytes))
-    };
+    let float = |at: usize| vertex.get(at..at + 4).map_or(0.0, bytemuck::pod_read_unaligned::<f32>);
     Vec3::new(float(0), float(4), float(8))
 }
 
