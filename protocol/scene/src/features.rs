@@ -48,6 +48,9 @@ pub struct SceneFeatures {
     /// Materials with `KHR_materials_dispersion`.
     #[serde(default)]
     pub dispersion: bool,
+    /// Materials with `KHR_materials_anisotropy`.
+    #[serde(default)]
+    pub anisotropy: bool,
 }
 
 impl SceneFeatures {
@@ -83,6 +86,7 @@ impl SceneFeatures {
                 of.transmission.is_some()
                     && of.volume.as_ref().is_some_and(|of| of.dispersion > 0.0)
             }),
+            anisotropy: extends(|of| of.anisotropy.is_some()),
             sun_shadows: scene.nodes.iter().any(|node| {
                 let light = node.light.and_then(|light| scene.lights.get(light as usize));
                 light.is_some_and(Light::casts_shadows)
@@ -109,6 +113,7 @@ impl SceneFeatures {
             (self.transmission, "transmission"),
             (self.volume, "volume"),
             (self.dispersion, "dispersion"),
+            (self.anisotropy, "anisotropy"),
         ]
         .into_iter()
         .filter_map(|(needed, name)| needed.then_some(name))

@@ -101,10 +101,16 @@ impl Material {
         ]
     }
 
-    /// Returns whether its vertices need tangents: it has a normal map.
+    /// Returns whether it, or a layer of it, has a normal map.
     pub fn has_normal_map(&self) -> bool {
         let coat = self.extensions.as_ref().and_then(|of| of.clearcoat.as_ref());
         self.normal_texture.is_some() || coat.is_some_and(|of| of.normal_texture.is_some())
+    }
+
+    /// Returns whether its vertices need tangents.
+    pub fn needs_tangents(&self) -> bool {
+        let extensions = self.extensions.as_ref();
+        self.has_normal_map() || extensions.is_some_and(|of| of.anisotropy.is_some())
     }
 
     /// Returns whether light passes through it.

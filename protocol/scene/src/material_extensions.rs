@@ -11,7 +11,7 @@ use super::TextureRef;
 pub const EXTENSION_TEXTURES_MAX: usize = 5;
 
 /// Slots of textures that all extensions together have.
-pub const EXTENSION_SLOTS: usize = 9;
+pub const EXTENSION_SLOTS: usize = 10;
 
 /// The extensions of a material. Factors multiply the textures; all are linear.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -26,6 +26,8 @@ pub struct MaterialExtensions {
     pub transmission: Option<Transmission>,
     /// The substance below a surface that transmits light; a thin wall if `None`.
     pub volume: Option<Volume>,
+    /// Reflections that are longer in one direction.
+    pub anisotropy: Option<Anisotropy>,
 }
 
 /// `KHR_materials_ior` and `KHR_materials_specular`.
@@ -102,6 +104,19 @@ pub struct Volume {
     pub thickness_texture: Option<TextureRef>,
 }
 
+/// `KHR_materials_anisotropy`: highlights that are stretched along a direction of the surface, as
+/// those of brushed metal. Vertices need tangents.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Anisotropy {
+    /// Part of the way from the roughness to 1 along the direction, as a square root: 0 to 1.
+    pub strength: f32,
+    /// Angle of the direction from the tangent towards the bitangent, in radians.
+    pub rotation_rad: f32,
+    /// The direction in R and G, from -1 to 1 along tangent and bitangent, and a factor of the
+    /// strength in B.
+    pub texture: Option<TextureRef>,
+}
+
 impl Default for Volume {
     /// A clear volume without thickness.
     fn default() -> Self {
@@ -157,7 +172,7 @@ impl Specular {
 impl MaterialExtensions {
     /// Returns its textures in the order in which shaders name them: the part of the reflection,
     /// its colour; the part of the clear coat, its roughness, its normals; the colour of
-    /// the sheen, its roughness; the part that passes, the thickness.
+    /// the sheen, its roughness; the part that passes, the thickness; the anisotropy.
     pub fn texture_slots(&self) -> [Option<TextureRef>; EXTENSION_SLOTS] {
         let specular = self.specular.as_ref();
         let coat = self.clearcoat.as_ref();
@@ -171,6 +186,7 @@ impl MaterialExtensions {
             self.sheen.as_ref().and_then(|of| of.roughness_texture),
             self.transmission.as_ref().and_then(|of| of.texture),
             self.volume.as_ref().and_then(|of| of.thickness_texture),
+            self.anisotropy.as_ref().and_then(|of| of.texture),
         ]
     }
 
@@ -186,7 +202,8 @@ impl MaterialExtensions {
         let sheen = sheen.flat_map(|of| [&mut of.color_texture, &mut of.roughness_texture]);
         let transmission = self.transmission.iter_mut().map(|of| &mut of.texture);
         let volume = self.volume.iter_mut().map(|of| &mut of.thickness_texture);
-        specular.chain(coat).chain(sheen).chain(transmission).chain(volume)
+        let anisotropy = self.anisotropy.iter_mut().map(|of| &mut of.texture);
+        specular.chain(coat).chain(sheen).chain(transmission).chain(volume).chain(anisotropy)
     }
 
     /// Returns its different textures, in the order of the slots. Shaders read no more than the
@@ -208,7 +225,9 @@ impl MaterialExtensions {
         let sheen = || self.sheen.as_ref().and_then(sheen_fault);
         let transmission = || self.transmission.as_ref().and_then(transmission_fault);
         let volume = || self.volume.as_ref().and_then(volume_fault);
-        specular.or_else(coat).or_else(sheen).or_else(transmission).or_else(volume)
+        let anisotropy = || self.anisotropy.as_ref().and_then(anisotropy_fault);
+        let glass = || transmission().or_else(volume);
+        specular.or_else(coat).or_else(sheen).or_else(glass).or_else(anisotropy)
     }
 }
 
@@ -247,6 +266,13 @@ fn volume_fault(of: &Volume) -> Option<String> {
         of.attenuation_color.to_array().map(|part| share_fault("volume.attenuation_color", part));
     let thickness = || amount("thickness", of.thickness);
     distance.or(r).or(g).or(b).or_else(thickness).or_else(|| amount("dispersion", of.dispersion))
+}
+
+fn anisotropy_fault(of: &Anisotropy) -> Option<String> {
+    let angle = of.rotation_rad;
+    let angle =
+        (!angle.is_finite()).then(|| format!("anisotropy.rotation_rad is finite, not {angle}"));
+    share_fault("anisotropy.strength", of.strength).or(angle)
 }
 
 fn share_fault(what: &str, value: f32) -> Option<String> {

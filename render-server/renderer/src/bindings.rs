@@ -203,14 +203,18 @@ pub(crate) fn material_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
     })
 }
 
-/// Group 3: factors of extensions, their textures, their samplers.
-pub(crate) fn extension_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+/// Group 3: factors of extensions, their textures, their samplers; the table of
+/// [`grain_albedo`](super::grain_albedo) where a material is anisotropic.
+pub(crate) fn extension_layout(device: &wgpu::Device, has_grain: bool) -> wgpu::BindGroupLayout {
     const TEXTURES: u32 = EXTENSION_TEXTURES_MAX as u32;
     let fragment = wgpu::ShaderStages::FRAGMENT;
     let uniform = wgpu::BufferBindingType::Uniform;
     let mut entries = vec![buffer(0, fragment, uniform, false, size_of::<ExtensionUniform>())];
     entries.extend((1..=TEXTURES).map(|binding| texture(binding, true)));
     entries.extend((1 + TEXTURES..=2 * TEXTURES).map(sampler));
+    if has_grain {
+        entries.push(texture_of(1 + 2 * TEXTURES, true, wgpu::TextureViewDimension::D3));
+    }
     device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: Some("extension/layout"),
         entries: &entries,

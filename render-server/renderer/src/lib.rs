@@ -21,6 +21,7 @@ mod environment;
 mod error_tolerance;
 mod frame;
 mod gpu;
+mod grain_albedo;
 mod item_draws;
 mod light_meter;
 mod occlusion;

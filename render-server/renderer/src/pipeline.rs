@@ -96,6 +96,7 @@ struct LayoutKey {
     has_environment: bool,
     has_shadows: bool,
     has_extensions: bool,
+    has_grain: bool,
     has_behind: bool,
 }
 
@@ -103,7 +104,8 @@ impl PipelineKey {
     fn layout_key(&self, has_environment: bool) -> LayoutKey {
         let has_extensions = !self.material.extensions.set.is_empty();
         let (has_shadows, has_behind) = (self.has_shadows(), self.transmits());
-        LayoutKey { has_environment, has_shadows, has_extensions, has_behind }
+        let has_grain = self.material.extensions.has_grain;
+        LayoutKey { has_environment, has_shadows, has_extensions, has_grain, has_behind }
     }
 
     /// Returns whether lights cast shadows.
@@ -328,7 +330,8 @@ fn pipeline_layout(gpu: &Gpu, of: LayoutKey) -> wgpu::PipelineLayout {
         bindings::frame_layout(&gpu.device)
     };
     let shadow = of.has_shadows.then(|| bindings::shadow_layout(&gpu.device));
-    let extension = of.has_extensions.then(|| bindings::extension_layout(&gpu.device));
+    let extension =
+        of.has_extensions.then(|| bindings::extension_layout(&gpu.device, of.has_grain));
     let groups = [Some(&frame), shadow.as_ref(), Some(&material), extension.as_ref()];
     gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some("scene/pipeline_layout"),

@@ -9,6 +9,7 @@ const EXTENSION: &str = include_str!("include/extension.wgsl");
 const LAYERS: &str = include_str!("include/layers.wgsl");
 const CLEARCOAT: &str = include_str!("include/clearcoat.wgsl");
 const SHEEN: &str = include_str!("include/sheen.wgsl");
+const ANISOTROPY: &str = include_str!("include/anisotropy.wgsl");
 const TRANSMISSION: &str = include_str!("include/transmission.wgsl");
 const SHADOW: &str = include_str!("include/shadow.wgsl");
 /// Stands for [`SHADOW`] where no light casts shadows.
@@ -59,6 +60,8 @@ pub(crate) struct ExtensionSet {
     pub volume: bool,
     /// `KHR_materials_dispersion`, of such a volume.
     pub dispersion: bool,
+    /// `KHR_materials_anisotropy`, where vertices have tangents.
+    pub anisotropy: bool,
 }
 
 impl ExtensionSet {
@@ -80,6 +83,7 @@ impl ExtensionSet {
             (self.clearcoat, CLEARCOAT),
             (self.sheen, SHEEN),
             (self.transmission, TRANSMISSION),
+            (self.anisotropy, ANISOTROPY),
         ]
         .into_iter()
         .filter_map(|(is_there, text)| is_there.then_some(text))
@@ -106,6 +110,7 @@ impl Interface {
             "transmission" => self.extensions.transmission,
             "volume" => self.extensions.volume,
             "dispersion" => self.extensions.dispersion,
+            "anisotropy" => self.extensions.anisotropy,
             "layers" => self.extensions.has_layers(),
             _ => false,
         }
@@ -134,6 +139,7 @@ pub(crate) fn surface(interface: Interface, pass: &str) -> String {
     let shadow = if interface.shadows { SHADOW } else { NO_SHADOW };
     let [map, light] =
         if interface.environment { [ENVIRONMENT, ENVIRONMENT_LIGHT] } else { [""; 2] };
+    let light = &interface.select(light);
     let extension = interface.select(&interface.extensions.text());
     let fog = if interface.fog { FOG } else { "" };
     [FRAME, map, &vertex, MATERIAL, &extension, shadow, fog, &surface, light, TONE, pass].concat()

@@ -1,5 +1,6 @@
 //! Tests that draw. They need a Vulkan or GL driver, software ones included, and fail without.
 
+mod anisotropy;
 mod correction;
 mod environment;
 mod extension_textures;

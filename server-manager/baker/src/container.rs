@@ -15,12 +15,13 @@ use super::uri;
 pub(super) const JSON_BYTES_MAX: usize = 256 << 20;
 
 /// The extensions that a file may require.
-pub(super) const EXTENSIONS: [&str; 21] = [
+pub(super) const EXTENSIONS: [&str; 22] = [
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
     "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
     "KHR_materials_dispersion",
     "KHR_materials_emissive_strength",

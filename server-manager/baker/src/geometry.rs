@@ -65,7 +65,7 @@ pub(super) fn read(
     let mut normals = attribute::<3>(job, json, "NORMAL", count, place)?;
     let mut tangents = None;
     // glTF: tangents without normals are to be ignored.
-    if needs.normal_map.is_some() && is_surface && normals.is_some() {
+    if needs.tangents.is_some() && is_surface && normals.is_some() {
         tangents = attribute::<4>(job, json, "TANGENT", count, place)?;
     }
     if let Some(pose) = pose {
@@ -86,6 +86,9 @@ pub(super) fn read(
     for (slot, set) in uvs.iter_mut().zip(needs.uv_sets) {
         let Some(set) = set else { continue };
         *slot = Some(coordinates(job, json, set, pose, positions.len(), place)?);
+    }
+    if needs.tangents.is_some_and(|(set, _)| uvs[set as usize].is_none()) && tangents.is_none() {
+        uvs[0] = tangent_coordinates(job, json, pose, (positions.len(), is_surface), place)?;
     }
     if let (Some(tangents), Some(normals)) = (&mut tangents, &normals) {
         for (tangent, normal) in tangents.iter_mut().zip(normals) {
@@ -127,6 +130,28 @@ pub(super) fn turn(indices: &mut [u32], mirrored: &[bool], topology: Topology) {
             corners.swap(1, 2);
         }
     }
+}
+
+/// `TEXCOORD_0` of a surface of which no texture has a set of coordinates, but whose tangents must
+/// be made; `None`, with a note, where there is none.
+fn tangent_coordinates(
+    job: &mut BakeJob<'_>,
+    json: &document::Primitive,
+    pose: Option<&Pose>,
+    (count, is_surface): (usize, bool),
+    place: &str,
+) -> Result<Option<Vec<[f32; 2]>>, BakeError> {
+    if !is_surface {
+        return Ok(None);
+    }
+    if !json.attributes.contains_key("TEXCOORD_0") {
+        job.warn(&format!(
+            "{place}: its material is anisotropic, and it has neither TANGENT nor TEXCOORD_0; the \
+             direction of its highlights is arbitrary"
+        ));
+        return Ok(None);
+    }
+    coordinates(job, json, 0, pose, count, place).map(Some)
 }
 
 /// `TEXCOORD_set`, finite; zeros, with a note, where there are none.

@@ -48,8 +48,8 @@ pub(super) struct TextureUse {
 pub(super) struct VertexRequirements {
     /// Which `TEXCOORD_n` each of the two sets is, where it is used.
     pub uv_sets: [Option<u32>; 2],
-    /// Which of the two sets the normal map has, and its transform.
-    pub normal_map: Option<(u8, Affine2)>,
+    /// Set of coordinates, and its transform, along which tangents lie; `None` without tangents.
+    pub tangents: Option<(u8, Affine2)>,
     /// Whether triangles must stay in order, because they are blended.
     pub keeps_order: bool,
 }
@@ -230,9 +230,17 @@ impl MaterialContext<'_, '_, '_> {
         let transform = others.and_then(|others| others.get("KHR_texture_transform"));
         let transform = self.transform(transform)?;
         let used = self.texture(index, set, transform.as_ref(), TextureKind::Normal)?;
-        let asked = used.map(|used| (used.uv_set, used.uv_transform));
-        self.needs.normal_map = self.needs.normal_map.or(asked);
+        if used.is_some() {
+            self.tangents(used);
+        }
         Ok(used)
+    }
+
+    /// Asks for tangents as a texture lies, or the first set of coordinates without one, unless
+    /// others were asked for before.
+    pub(super) fn tangents(&mut self, texture: Option<TextureRef>) {
+        let asked = texture.map_or((0, Affine2::IDENTITY), |of| (of.uv_set, of.uv_transform));
+        self.needs.tangents.get_or_insert(asked);
     }
 
     fn transform(

@@ -3,7 +3,8 @@
 use glam::Vec3;
 use gltf::json;
 use polyptych_scene::{
-    Clearcoat, EXTENSION_TEXTURES_MAX, MaterialExtensions, Sheen, Specular, Transmission, Volume,
+    Anisotropy, Clearcoat, EXTENSION_TEXTURES_MAX, MaterialExtensions, Sheen, Specular,
+    Transmission, Volume,
 };
 use serde::Deserialize;
 
@@ -116,6 +117,18 @@ struct DispersionJson {
     dispersion: f32,
 }
 
+/// `KHR_materials_anisotropy`.
+#[derive(Deserialize, Default)]
+#[serde(default)]
+struct AnisotropyJson {
+    #[serde(rename = "anisotropyStrength")]
+    strength: f32,
+    #[serde(rename = "anisotropyRotation")]
+    rotation_rad: f32,
+    #[serde(rename = "anisotropyTexture")]
+    texture: Option<json::texture::Info>,
+}
+
 impl MaterialContext<'_, '_, '_> {
     /// Reads an extension of the material; `None` where it has none.
     pub(super) fn extension<T: for<'de> Deserialize<'de>>(
@@ -148,7 +161,9 @@ impl MaterialContext<'_, '_, '_> {
         let (clearcoat, sheen) = (self.clearcoat(json)?, self.sheen(json)?);
         let transmission = self.transmission(json)?;
         let volume = self.volume(json)?.filter(|_| transmission.is_some());
-        let mut made = MaterialExtensions { specular, clearcoat, sheen, transmission, volume };
+        let anisotropy = self.anisotropy(json)?;
+        let mut made =
+            MaterialExtensions { specular, clearcoat, sheen, transmission, volume, anisotropy };
         self.leave_out_textures(&mut made);
         let is_plain = made == MaterialExtensions::default();
         Ok((!is_plain).then(|| Box::new(made)))
@@ -248,5 +263,16 @@ impl MaterialContext<'_, '_, '_> {
             dispersion: limit(spread.unwrap_or_default().dispersion, 0.0, FACTOR_MAX),
             thickness_texture: self.optional(read.thickness_texture.as_ref(), TextureKind::Data)?,
         }))
+    }
+
+    /// Its direction is that of the tangents, which a texture of it asks for, too, unless a normal
+    /// map does. A direction that is not a number is that of the tangent.
+    fn anisotropy(&mut self, json: &json::Material) -> Result<Option<Anisotropy>, BakeError> {
+        let read = self.extension::<AnisotropyJson>(json, "KHR_materials_anisotropy")?;
+        let Some(read) = read.filter(|read| read.strength > 0.0) else { return Ok(None) };
+        let texture = self.optional(read.texture.as_ref(), TextureKind::Data)?;
+        self.tangents(texture);
+        let rotation_rad = if read.rotation_rad.is_finite() { read.rotation_rad } else { 0.0 };
+        Ok(Some(Anisotropy { strength: limit(read.strength, 0.0, 1.0), rotation_rad, texture }))
     }
 }

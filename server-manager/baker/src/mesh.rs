@@ -32,7 +32,7 @@ struct PrimitiveKey {
     indices: Option<u32>,
     mode: u32,
     uv_sets: [Option<u32>; 2],
-    normal_map: Option<(u8, [u32; 6])>,
+    tangents: Option<(u8, [u32; 6])>,
     keeps_order: bool,
     scale: u64,
     pose: Option<u32>,
@@ -177,13 +177,12 @@ fn key(
     scale: f64,
     pose: Option<u32>,
 ) -> PrimitiveKey {
-    let normal_map = needs.normal_map;
     PrimitiveKey {
         attributes: primitive.attributes.clone(),
         indices: primitive.indices,
         mode: primitive.mode,
         uv_sets: needs.uv_sets,
-        normal_map: normal_map.map(|(set, uv)| (set, uv.to_cols_array().map(f32::to_bits))),
+        tangents: needs.tangents.map(|(set, uv)| (set, uv.to_cols_array().map(f32::to_bits))),
         keeps_order: needs.keeps_order,
         scale: scale.to_bits(),
         pose,
@@ -224,8 +223,8 @@ fn read(
     };
     let is_surface = geometry.topology == Topology::Triangles;
     let has_tangents = matches!(geometry.tangents, Tangents::Vertex(_));
-    if let Some(map) = needs.normal_map.filter(|_| is_surface && !has_tangents) {
-        let made = tangent::generate(job, &geometry, map, place);
+    if let Some(lie) = needs.tangents.filter(|_| is_surface && !has_tangents) {
+        let made = tangent::generate(job, &geometry, lie, place);
         geometry.tangents = Tangents::Corner(made);
     }
     let bindings = match shape {
@@ -239,8 +238,8 @@ fn read(
     let pieces = split::split(&geometry.positions, &geometry.indices, arity, scale, job.cancel)?;
     let mut reader = PieceReader {
         layout: VertexLayout {
-            // Lines and points with a normal map get a tangent too: one layout per material.
-            tangent: needs.normal_map.is_some(),
+            // Lines and points get tangents too, if triangles do: one layout per material.
+            tangent: needs.tangents.is_some(),
             uv0: geometry.uvs[0].is_some(),
             uv1: geometry.uvs[1].is_some(),
             color: geometry.colors.is_some(),

@@ -113,7 +113,7 @@ fn joined(
     place: &str,
 ) -> VertexRequirements {
     let has_tangents = primitive.attributes.contains_key("TANGENT");
-    if let (Some(one), Some(other)) = (needs.normal_map, more.normal_map)
+    if let (Some(one), Some(other)) = (needs.tangents, more.tangents)
         && one != other
         && !has_tangents
     {
@@ -124,7 +124,7 @@ fn joined(
     }
     VertexRequirements {
         uv_sets: more.uv_sets,
-        normal_map: needs.normal_map.or(more.normal_map),
+        tangents: needs.tangents.or(more.tangents),
         keeps_order: needs.keeps_order || more.keeps_order,
     }
 }

@@ -12,10 +12,10 @@ use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_manager::scene_export;
 use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{
-    AlphaMode, AssetManifests, Attribute, Clearcoat, Filter, IndexFormat, Instance, Light,
-    LightKind, Material, MaterialExtensions, Mesh, MipFilter, Node, NodeExtras, NodeId, Primitive,
-    Sampler, Scene, SceneEdits, Sheen, Specular, Texture, TextureFormat, TextureRef, Topology,
-    Transmission, VertexLayout, Volume, Wrap,
+    AlphaMode, Anisotropy, AssetManifests, Attribute, Clearcoat, Filter, IndexFormat, Instance,
+    Light, LightKind, Material, MaterialExtensions, Mesh, MipFilter, Node, NodeExtras, NodeId,
+    Primitive, Sampler, Scene, SceneEdits, Sheen, Specular, Texture, TextureFormat, TextureRef,
+    Topology, Transmission, VertexLayout, Volume, Wrap,
 };
 
 /// Scenes that are tried.
@@ -136,7 +136,7 @@ fn extensions(
     };
     let mut made = MaterialExtensions { specular: Some(specular), ..MaterialExtensions::default() };
     // Not all: a material can have five textures of extensions.
-    let which = random.usize(0..3);
+    let which = random.usize(0..4);
     if which == 0 {
         let normal_texture = texture_of(random, data);
         made.clearcoat = Some(Clearcoat {
@@ -153,6 +153,12 @@ fn extensions(
             roughness: unit(random),
             color_texture: texture_of(random, color),
             roughness_texture: texture_of(random, color),
+        });
+    } else if which == 2 {
+        made.anisotropy = Some(Anisotropy {
+            strength: unit(random).max(0.01),
+            rotation_rad: signed(random),
+            texture: texture_of(random, data),
         });
     } else {
         (made.transmission, made.volume) = glass(random, |random| texture_of(random, data));
@@ -182,7 +188,7 @@ fn primitive(random: &mut Rng, scene: &Scene, store: &BlobStore) -> Primitive {
     let own = material.map(|at| &scene.materials[at as usize]);
     let has_set = |set| own.is_some_and(|own| own.textures().any(|of| of.uv_set == set));
     let layout = VertexLayout {
-        tangent: own.is_some_and(Material::has_normal_map),
+        tangent: own.is_some_and(Material::needs_tangents),
         uv0: has_set(0),
         uv1: has_set(1),
         color: random.bool(),

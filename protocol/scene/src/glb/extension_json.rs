@@ -4,7 +4,7 @@ use std::io::Write;
 
 use super::GlbWriter;
 use super::material_json::texture_json;
-use crate::{Clearcoat, MaterialExtensions, Sheen, Specular, Transmission, Volume};
+use crate::{Anisotropy, Clearcoat, MaterialExtensions, Sheen, Specular, Transmission, Volume};
 
 /// Returns the extensions as members of a material's `extensions`.
 pub(super) fn members<W: Write>(of: &MaterialExtensions, file: &mut GlbWriter<W>) -> Vec<String> {
@@ -16,6 +16,7 @@ pub(super) fn members<W: Write>(of: &MaterialExtensions, file: &mut GlbWriter<W>
     members.extend(of.sheen.iter().map(|sheen| sheen_member(sheen, file)));
     members.extend(of.transmission.iter().map(|of| transmission_member(of, file)));
     members.extend(of.volume.iter().map(|of| volume_members(of, file)));
+    members.extend(of.anisotropy.iter().map(|of| anisotropy_member(of, file)));
     members
 }
 
@@ -92,4 +93,14 @@ fn volume_members<W: Write>(of: &Volume, file: &mut GlbWriter<W>) -> String {
     }
     let name = file.use_extension("KHR_materials_dispersion");
     format!(r#"{volume},"{name}":{{"dispersion":{:?}}}"#, of.dispersion)
+}
+
+fn anisotropy_member<W: Write>(of: &Anisotropy, file: &mut GlbWriter<W>) -> String {
+    let texture = texture_json("anisotropyTexture", of.texture, "", file);
+    let name = file.use_extension("KHR_materials_anisotropy");
+    let factors = format!(
+        r#""anisotropyStrength":{:?},"anisotropyRotation":{:?}"#,
+        of.strength, of.rotation_rad
+    );
+    format!(r#""{name}":{{{factors}{texture}}}"#)
 }

@@ -67,6 +67,7 @@ fn coat_surface(s: Surface) -> Surface {
     coat.n_dot_v = s.coat.n_dot_v;
     coat.alpha_squared = s.coat.alpha_squared;
     coat.smith = s.coat.smith;
+    coat.grain = even_grain(s, coat.normal, coat.alpha_squared); //? anisotropy
     let reflected = s.coat.part * s.coat.many;
     coat.f0 = vec3<f32>(reflected * DIELECTRIC_F0);
     coat.rise = vec3<f32>(reflected * (1.0 - DIELECTRIC_F0));

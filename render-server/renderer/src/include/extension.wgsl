@@ -12,6 +12,8 @@ struct Extension {
     transmission: vec4<f32>,
     // Of the volume per unit of the world; w is the factor of roughness for light that passes.
     absorption: vec4<f32>,
+    // Strength, and cosine and sine of the direction's angle.
+    anisotropy: vec4<f32>, //? anisotropy
 }
 
 @group(3) @binding(0) var<uniform> extension: Extension;
@@ -43,6 +45,7 @@ override SHEEN_COLOR: u32 = 0u; //? sheen
 override SHEEN_ROUGHNESS: u32 = 0u; //? sheen
 override TRANSMISSION: u32 = 0u; //? transmission
 override THICKNESS: u32 = 0u; //? volume
+override ANISOTROPY: u32 = 0u; //? anisotropy
 
 fn further_coordinates(v: Varyings, slot: u32, which: u32) -> vec2<f32> {
     var uv = vec2<f32>(0.0);

@@ -37,6 +37,7 @@ struct Surface {
     dielectric: f32,
     // Of the dielectric: reflectance from the front, and the part of the reflection that is there.
     reflectance: vec4<f32>, //? specular
+    grain: Grain, //? anisotropy
     coat: Coat, //? clearcoat
     sheen: Sheen, //? sheen
 }
@@ -70,12 +71,13 @@ fn reflect_below(s: Surface, toward: vec3<f32>, irradiance: vec3<f32>) -> vec3<f
     let inverse_length = inverseSqrt(max(2.0 + 2.0 * l_dot_v, 1e-12));
     let n_dot_h = clamp((n_dot_l + s.facing) * inverse_length, 0.0, 1.0);
     let v_dot_h = clamp((1.0 + l_dot_v) * inverse_length, 0.0, 1.0);
-    let a2 = s.alpha_squared;
-    let f = (n_dot_h * a2 - n_dot_h) * n_dot_h + 1.0;
-    let lit = n_dot_l * s.smith;
-    let seen = s.n_dot_v * sqrt(n_dot_l * n_dot_l * (1.0 - a2) + a2);
+    let a2 = s.alpha_squared; //? !anisotropy
+    let f = (n_dot_h * a2 - n_dot_h) * n_dot_h + 1.0; //? !anisotropy
+    let lit = n_dot_l * s.smith; //? !anisotropy
+    let seen = s.n_dot_v * sqrt(n_dot_l * n_dot_l * (1.0 - a2) + a2); //? !anisotropy
     // π of D and of Lambert are taken out of the bracket.
-    let specular = 0.5 * a2 / max(f * f * (lit + seen), 1e-12);
+    let specular = 0.5 * a2 / max(f * f * (lit + seen), 1e-12); //? !anisotropy
+    let specular = grain_lobe(s, toward, n_dot_l, n_dot_h, inverse_length); //? anisotropy
     let c = 1.0 - v_dot_h;
     let c2 = c * c;
     let c5 = c2 * c2 * c;
@@ -133,9 +135,11 @@ fn layered(seen: Surface, base: vec3<f32>, metallic: f32) -> Surface {
     var s = seen;
     s.smith = sqrt(s.n_dot_v * s.n_dot_v * (1.0 - s.alpha_squared) + s.alpha_squared);
     let roughness = sqrt(sqrt(s.alpha_squared));
-    let place = vec2<f32>(sqrt(s.n_dot_v), roughness) * (1.0 - 1.0 / ALBEDO_SIDE);
-    let middle = place + 0.5 / ALBEDO_SIDE;
-    s.albedo = textureSampleLevel(albedo_table, albedo_sampler, middle, 0.0).rg;
+    let place = vec2<f32>(sqrt(s.n_dot_v), roughness) * (1.0 - 1.0 / ALBEDO_SIDE); //? !anisotropy
+    let middle = place + 0.5 / ALBEDO_SIDE; //? !anisotropy
+    s.albedo = textureSampleLevel(albedo_table, albedo_sampler, middle, 0.0).rg; //? !anisotropy
+    s.smith = grain_smith(s); //? anisotropy
+    s.albedo = grain_albedo(s, roughness); //? anisotropy
     let lost = 1.0 / s.albedo.x - 1.0;
     let dielectric = 1.0 + DIELECTRIC_F0 * lost; //? !specular
     let metal = metallic * (1.0 + base * lost);
@@ -158,8 +162,12 @@ fn layered(seen: Surface, base: vec3<f32>, metallic: f32) -> Surface {
 // it is, was fitted to integrals over GGX: off by 0.03 on average, from 0 (ground) to 1 (sky).
 fn ambient(s: Surface) -> vec3<f32> {
     let alpha = sqrt(s.alpha_squared);
-    let mirrored_up = 2.0 * s.facing * s.normal.y - s.toward_eye.y;
-    let lean = 1.0 - 2.0 * alpha * (1.0 - alpha) * (1.0 - s.n_dot_v);
+    let mirrored_up = 2.0 * s.facing * s.normal.y - s.toward_eye.y; //? !anisotropy
+    let lean = 1.0 - 2.0 * alpha * (1.0 - alpha) * (1.0 - s.n_dot_v); //? !anisotropy
+    let mirrored = grain_mirrored(s); //? anisotropy
+    let mirrored_up = mirrored.y; //? anisotropy
+    let cosine = dot(mirrored, s.normal); //? anisotropy
+    let lean = max(1.0 - 2.0 * alpha * (1.0 - alpha) * (1.0 - cosine), 1e-6); //? anisotropy
     let up = mix(mirrored_up, s.normal.y, alpha) * inverseSqrt(lean);
     let specular = s.f0 * s.albedo.x + s.rise * s.albedo.y;
     return s.diffuse * (1.0 - s.dielectric) * surroundings(s.normal.y, 1.0)
@@ -193,6 +201,7 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     s.n_dot_v = clamp(s.facing, 1e-4, 1.0);
     s.alpha_squared = filtered_alpha_squared(roughness, unit(normal_of(v)));
     let texels = further_texels(v); //? extended
+    s.grain = grain_of(v, s, texels); //? anisotropy
     s.reflectance = reflectance(texels); //? specular
     s = layered(s, base, metallic);
     let part = transmitted_part(texels); //? transmission

@@ -9,11 +9,14 @@ use polyptych_scene::{
 use super::material::{UvTransform, slot_of, uv_transform};
 use crate::bindings;
 use crate::gpu::Gpu;
+use crate::grain_albedo;
 use crate::pipeline::TextureSlot;
 use crate::shader::ExtensionSet;
 
 /// The slot of the clear coat's normal map.
 const CLEARCOAT_NORMAL: usize = 4;
+/// The slot of the anisotropy.
+const ANISOTROPY: usize = 9;
 
 /// Twin of `Extension` in `include/extension.wgsl`.
 #[repr(C)]
@@ -31,6 +34,8 @@ pub(crate) struct ExtensionUniform {
     pub transmission: [f32; 4],
     /// Of the volume per unit of the world; the factor of roughness for light that passes.
     pub absorption: [f32; 4],
+    /// Strength, cosine and sine of the direction's angle.
+    pub anisotropy: [f32; 4],
 }
 
 impl ExtensionUniform {
@@ -54,6 +59,10 @@ impl ExtensionUniform {
             sheen: sheen.color.extend(sheen.roughness).to_array(),
             transmission: [part, volume.thickness, inverse, volume.dispersion],
             absorption: volume.absorption().extend(rough).to_array(),
+            anisotropy: of.anisotropy.as_ref().map_or([0.0; 4], |of| {
+                let (sin, cos) = of.rotation_rad.sin_cos();
+                [of.strength, cos, sin, 0.0]
+            }),
         }
     }
 }
@@ -67,6 +76,9 @@ pub(crate) struct ExtensionFeatures {
     pub places: [u8; EXTENSION_SLOTS],
     /// The coordinates of each binding.
     pub coordinates: [TextureSlot; EXTENSION_TEXTURES_MAX],
+    /// The material is anisotropic, though its vertices may lack tangents: its bindings have the
+    /// table for it.
+    pub has_grain: bool,
 }
 
 impl ExtensionFeatures {
@@ -81,6 +93,7 @@ impl ExtensionFeatures {
         let mut places = of.texture_slots().map(|slot| place(slot).map_or(0, |at| at as u8 + 1));
         if !layout.tangent {
             places[CLEARCOAT_NORMAL] = 0;
+            places[ANISOTROPY] = 0;
         }
         let volume = of.volume.as_ref().filter(|_| of.transmission.is_some());
         // Light that is bent to the normal has one direction for all wavelengths.
@@ -93,15 +106,17 @@ impl ExtensionFeatures {
                 transmission: of.transmission.is_some(),
                 volume: volume.is_some(),
                 dispersion: bends && volume.is_some_and(|of| of.dispersion > 0.0),
+                anisotropy: layout.tangent && of.anisotropy.is_some(),
             },
             places,
             coordinates: std::array::from_fn(|at| slot_of(distinct.get(at).copied(), layout)),
+            has_grain: of.anisotropy.is_some(),
         }
     }
 
     /// Returns whether tangents are read.
     pub fn has_tangents(self) -> bool {
-        self.places[CLEARCOAT_NORMAL] != 0
+        self.places[CLEARCOAT_NORMAL] != 0 || self.set.anisotropy
     }
 
     /// The constants of its shader.
@@ -112,7 +127,8 @@ impl ExtensionFeatures {
             return Vec::new();
         }
         let coordinates = self.coordinates.map(|slot| f64::from(slot as u8));
-        let ExtensionSet { specular, clearcoat, sheen, transmission, volume, .. } = self.set;
+        let ExtensionSet { specular, clearcoat, sheen, transmission, volume, anisotropy, .. } =
+            self.set;
         let names: [(&str, bool); EXTENSION_SLOTS] = [
             ("SPECULAR", specular),
             ("SPECULAR_COLOR", specular),
@@ -123,6 +139,7 @@ impl ExtensionFeatures {
             ("SHEEN_ROUGHNESS", sheen),
             ("TRANSMISSION", transmission),
             ("THICKNESS", volume),
+            ("ANISOTROPY", anisotropy),
         ];
         let places = names.into_iter().zip(self.places.map(f64::from));
         let places = places.filter_map(|((name, is_there), at)| is_there.then_some((name, at)));
@@ -141,7 +158,10 @@ pub(super) fn bind_groups(
     if !materials.iter().any(extended) {
         return vec![None; materials.len()];
     }
-    let layout = bindings::extension_layout(&gpu.device);
+    let is_anisotropic =
+        |of: &&Material| extended(of) && of.extensions.iter().any(|of| of.anisotropy.is_some());
+    let grain = materials.iter().any(is_anisotropic).then(|| grain_albedo::texture(gpu));
+    let layouts = [false, true].map(|has| bindings::extension_layout(&gpu.device, has));
     let (empty_view, empty_sampler) = (views.len() - 1, samplers.len() - 1);
     let group = |of: &MaterialExtensions| {
         let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
@@ -166,9 +186,14 @@ pub(super) fn bind_groups(
                 resource: wgpu::BindingResource::Sampler(&samplers[at(place, empty_sampler)]),
             });
         }
+        let grain = grain.as_ref().filter(|_| of.anisotropy.is_some());
+        entries.extend(grain.map(|table| wgpu::BindGroupEntry {
+            binding: (1 + 2 * EXTENSION_TEXTURES_MAX) as u32,
+            resource: wgpu::BindingResource::TextureView(table),
+        }));
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("extension/group"),
-            layout: &layout,
+            layout: &layouts[usize::from(grain.is_some())],
             entries: &entries,
         })
     };

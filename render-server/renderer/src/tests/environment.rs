@@ -16,7 +16,7 @@ const SIZE: [u32; 2] = [192, 128];
 const SIDE: u32 = 64;
 
 /// A map whose texels are the same on each level; by direction.
-fn map(radiance: impl Fn(DVec3) -> [f64; 3], diffuse: [[f32; 3]; 9]) -> EnvironmentMap {
+pub(super) fn map(radiance: impl Fn(DVec3) -> [f64; 3], diffuse: [[f32; 3]; 9]) -> EnvironmentMap {
     let mut texels = Vec::with_capacity(EnvironmentMap::texel_bytes_of(SIDE));
     for level in 0..EnvironmentMap::levels_of(SIDE) {
         let side = SIDE >> level;

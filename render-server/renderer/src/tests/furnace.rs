@@ -63,13 +63,24 @@ pub(super) fn radiance_in(
 pub(super) fn radiance_of(
     (mut stage, material): (SceneFixture, Material),
     mu: f64,
+    around: (f64, Option<Arc<Environment>>),
+    lights: &[(DVec3, f64)],
+) -> f64 {
+    let material = stage.material(material);
+    radiance_of_mesh(stage, (&MeshFixture::rectangle(50.0, 50.0), material), mu, around, lights)
+}
+
+/// The same of another plate with a material of the scene.
+pub(super) fn radiance_of_mesh(
+    mut stage: SceneFixture,
+    (shape, material): (&MeshFixture, u32),
+    mu: f64,
     (around, environment): (f64, Option<Arc<Environment>>),
     lights: &[(DVec3, f64)],
 ) -> f64 {
     stage.desc.sky = Vec3::splat(around as f32);
     stage.ground = Some(stage.desc.sky);
-    let material = stage.material(material);
-    let mesh = stage.mesh(&MeshFixture::rectangle(50.0, 50.0), Some(material));
+    let mesh = stage.mesh(shape, Some(material));
     stage.node(mesh, DAffine3::IDENTITY);
     // Without any light there would be the default sun.
     shine(&mut stage, DVec3::Z, 0.0);

@@ -40,13 +40,21 @@ fn interfaces() -> impl Iterator<Item = Interface> {
 
 /// All sets of extensions.
 fn extension_sets() -> impl Iterator<Item = ExtensionSet> {
-    (0..32u32).map(|bits| {
+    (0..64u32).map(|bits| {
         let bit = |at: u32| bits >> at & 1 == 1;
         // A volume is one that transmits light, and one that disperses it has a volume.
-        let glass = bits >> 3;
+        let glass = bits >> 3 & 3;
         let (transmission, volume, dispersion) = (glass > 0, glass > 1, glass > 2);
         let (specular, clearcoat, sheen) = (bit(0), bit(1), bit(2));
-        ExtensionSet { specular, clearcoat, sheen, transmission, volume, dispersion }
+        ExtensionSet {
+            specular,
+            clearcoat,
+            sheen,
+            transmission,
+            volume,
+            dispersion,
+            anisotropy: bit(5),
+        }
     })
 }
 
@@ -94,7 +102,15 @@ fn every_shader_validates() {
 /// The interface of a surface that uses all that a scene can ask for.
 fn of_all() -> Interface {
     let extensions = extension_sets().last().unwrap_or_default();
-    Interface { lit: true, lamps: true, shadows: true, extensions, ..Interface::default() }
+    let attributes = VertexLayout { tangent: true, ..VertexLayout::default() };
+    Interface {
+        attributes,
+        lit: true,
+        lamps: true,
+        shadows: true,
+        extensions,
+        ..Interface::default()
+    }
 }
 
 /// Checks the size of a type of shaders, and the places of its members.
@@ -177,7 +193,8 @@ fn uniforms_match_their_twins() {
         clearcoat,
         sheen,
         transmission,
-        absorption
+        absorption,
+        anisotropy
     );
     twin!("Region", RegionRecord, corner, place, size, scale, reach);
     twin!("Behind", BehindUniform, sharp, wide, pixels, pixels_per_radian, detail_max, bounds);

@@ -279,3 +279,35 @@ fn transmission_and_volume_are_read_and_brought_to_their_range() {
         assert!(baked.warnings.is_empty(), "{name}: {:?}", baked.warnings);
     }
 }
+
+#[test]
+fn anisotropy_is_read_and_brought_to_its_range() {
+    for (read, wanted) in [
+        (json!({}), None),
+        (json!({ "anisotropyStrength": 0, "anisotropyRotation": 1 }), None),
+        (json!({ "anisotropyStrength": -1 }), None),
+        (json!({ "anisotropyStrength": 0.25, "anisotropyRotation": -7 }), Some((0.25, -7.0))),
+        (json!({ "anisotropyStrength": 7, "anisotropyRotation": 1e300 }), Some((1.0, 0.0))),
+    ] {
+        let name = read.to_string();
+        let extensions = json!({ "KHR_materials_anisotropy": read });
+        let (_place, baked, scene) = bake_builder(&quad(&json!({ "extensions": extensions })));
+        let made = scene.materials[0].extensions.as_ref().and_then(|of| of.anisotropy.clone());
+        assert_eq!(made.map(|of| (of.strength, of.rotation_rad)), wanted, "{name}");
+        let layout = scene.meshes[0].primitives[0].layout;
+        assert_eq!(layout.tangent, wanted.is_some(), "{name}");
+        assert!(baked.warnings.is_empty(), "{name}: {:?}", baked.warnings);
+    }
+}
+
+#[test]
+fn an_anisotropic_part_without_tangents_and_coordinates_is_noted() {
+    let mut builder =
+        quad(&json!({ "extensions": { "KHR_materials_anisotropy": { "anisotropyStrength": 1 } } }));
+    let attributes = &mut builder.json["meshes"][0]["primitives"][0]["attributes"];
+    attributes.as_object_mut().expect("attributes").remove("TEXCOORD_0");
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert!(baked.warnings[0].contains("direction of its highlights"), "{:?}", baked.warnings);
+    let layout = scene.meshes[0].primitives[0].layout;
+    assert!(layout.tangent && !layout.uv0);
+}
