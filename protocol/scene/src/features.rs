@@ -51,6 +51,9 @@ pub struct SceneFeatures {
     /// Materials with `KHR_materials_anisotropy`.
     #[serde(default)]
     pub anisotropy: bool,
+    /// Materials with `KHR_materials_iridescence`.
+    #[serde(default)]
+    pub iridescence: bool,
 }
 
 impl SceneFeatures {
@@ -87,6 +90,7 @@ impl SceneFeatures {
                     && of.volume.as_ref().is_some_and(|of| of.dispersion > 0.0)
             }),
             anisotropy: extends(|of| of.anisotropy.is_some()),
+            iridescence: extends(|of| of.iridescence.is_some()),
             sun_shadows: scene.nodes.iter().any(|node| {
                 let light = node.light.and_then(|light| scene.lights.get(light as usize));
                 light.is_some_and(Light::casts_shadows)
@@ -114,6 +118,7 @@ impl SceneFeatures {
             (self.volume, "volume"),
             (self.dispersion, "dispersion"),
             (self.anisotropy, "anisotropy"),
+            (self.iridescence, "iridescence"),
         ]
         .into_iter()
         .filter_map(|(needed, name)| needed.then_some(name))

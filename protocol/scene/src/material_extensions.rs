@@ -11,7 +11,7 @@ use super::TextureRef;
 pub const EXTENSION_TEXTURES_MAX: usize = 5;
 
 /// Slots of textures that all extensions together have.
-pub const EXTENSION_SLOTS: usize = 10;
+pub const EXTENSION_SLOTS: usize = 12;
 
 /// The extensions of a material. Factors multiply the textures; all are linear.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -28,6 +28,8 @@ pub struct MaterialExtensions {
     pub volume: Option<Volume>,
     /// Reflections that are longer in one direction.
     pub anisotropy: Option<Anisotropy>,
+    /// A film so thin that light interferes in it.
+    pub iridescence: Option<Iridescence>,
 }
 
 /// `KHR_materials_ior` and `KHR_materials_specular`.
@@ -117,6 +119,33 @@ pub struct Anisotropy {
     pub texture: Option<TextureRef>,
 }
 
+/// `KHR_materials_iridescence`: a film on the surface whose colour depends on the angle, as that of
+/// a soap bubble.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Iridescence {
+    /// Part of the reflection that the film changes: 0 to 1.
+    pub factor: f32,
+    /// Index of refraction of the film: 1 or more.
+    pub ior: f32,
+    /// Thickness in nanometres where the texture is 0: 0 or more.
+    pub thickness_min_nm: f32,
+    /// Thickness in nanometres where the texture is 1, and without a texture: 0 or more.
+    pub thickness_max_nm: f32,
+    /// The part in R.
+    pub texture: Option<TextureRef>,
+    /// The thickness in G, from the minimum to the maximum.
+    pub thickness_texture: Option<TextureRef>,
+}
+
+impl Default for Iridescence {
+    /// Nothing of a film as glTF's default has it.
+    fn default() -> Self {
+        let (texture, thickness_texture) = (None, None);
+        let (factor, ior, thickness_min_nm, thickness_max_nm) = (0.0, 1.3, 100.0, 400.0);
+        Self { factor, ior, thickness_min_nm, thickness_max_nm, texture, thickness_texture }
+    }
+}
+
 impl Default for Volume {
     /// A clear volume without thickness.
     fn default() -> Self {
@@ -172,7 +201,8 @@ impl Specular {
 impl MaterialExtensions {
     /// Returns its textures in the order in which shaders name them: the part of the reflection,
     /// its colour; the part of the clear coat, its roughness, its normals; the colour of
-    /// the sheen, its roughness; the part that passes, the thickness; the anisotropy.
+    /// the sheen, its roughness; the part that passes, the thickness; the anisotropy; the part of
+    /// the film, its thickness.
     pub fn texture_slots(&self) -> [Option<TextureRef>; EXTENSION_SLOTS] {
         let specular = self.specular.as_ref();
         let coat = self.clearcoat.as_ref();
@@ -187,6 +217,8 @@ impl MaterialExtensions {
             self.transmission.as_ref().and_then(|of| of.texture),
             self.volume.as_ref().and_then(|of| of.thickness_texture),
             self.anisotropy.as_ref().and_then(|of| of.texture),
+            self.iridescence.as_ref().and_then(|of| of.texture),
+            self.iridescence.as_ref().and_then(|of| of.thickness_texture),
         ]
     }
 
@@ -203,7 +235,10 @@ impl MaterialExtensions {
         let transmission = self.transmission.iter_mut().map(|of| &mut of.texture);
         let volume = self.volume.iter_mut().map(|of| &mut of.thickness_texture);
         let anisotropy = self.anisotropy.iter_mut().map(|of| &mut of.texture);
-        specular.chain(coat).chain(sheen).chain(transmission).chain(volume).chain(anisotropy)
+        let film = self.iridescence.iter_mut();
+        let film = film.flat_map(|of| [&mut of.texture, &mut of.thickness_texture]);
+        let layers = specular.chain(coat).chain(sheen).chain(transmission).chain(volume);
+        layers.chain(anisotropy).chain(film)
     }
 
     /// Returns its different textures, in the order of the slots. Shaders read no more than the
@@ -227,7 +262,9 @@ impl MaterialExtensions {
         let volume = || self.volume.as_ref().and_then(volume_fault);
         let anisotropy = || self.anisotropy.as_ref().and_then(anisotropy_fault);
         let glass = || transmission().or_else(volume);
-        specular.or_else(coat).or_else(sheen).or_else(glass).or_else(anisotropy)
+        let film = || self.iridescence.as_ref().and_then(iridescence_fault);
+        let layers = specular.or_else(coat).or_else(sheen).or_else(glass);
+        layers.or_else(anisotropy).or_else(film)
     }
 }
 
@@ -255,17 +292,14 @@ fn transmission_fault(of: &Transmission) -> Option<String> {
 }
 
 fn volume_fault(of: &Volume) -> Option<String> {
-    let amount = |what, value: f32| {
-        let is_amount = value >= 0.0 && value.is_finite();
-        (!is_amount).then(|| format!("volume.{what} is 0 or more, not {value}"))
-    };
     let distance = of.attenuation_distance;
     let distance = (distance.is_nan() || distance <= 0.0)
         .then(|| format!("volume.attenuation_distance is more than 0, not {distance}"));
     let [r, g, b] =
         of.attenuation_color.to_array().map(|part| share_fault("volume.attenuation_color", part));
-    let thickness = || amount("thickness", of.thickness);
-    distance.or(r).or(g).or(b).or_else(thickness).or_else(|| amount("dispersion", of.dispersion))
+    let thickness = || amount_fault("volume.thickness", of.thickness);
+    let dispersion = || amount_fault("volume.dispersion", of.dispersion);
+    distance.or(r).or(g).or(b).or_else(thickness).or_else(dispersion)
 }
 
 fn anisotropy_fault(of: &Anisotropy) -> Option<String> {
@@ -273,6 +307,19 @@ fn anisotropy_fault(of: &Anisotropy) -> Option<String> {
     let angle =
         (!angle.is_finite()).then(|| format!("anisotropy.rotation_rad is finite, not {angle}"));
     share_fault("anisotropy.strength", of.strength).or(angle)
+}
+
+fn iridescence_fault(of: &Iridescence) -> Option<String> {
+    let is_index = of.ior >= 1.0 && of.ior.is_finite();
+    let ior = (!is_index).then(|| format!("iridescence.ior is 1 or more, not {}", of.ior));
+    let min = || amount_fault("iridescence.thickness_min_nm", of.thickness_min_nm);
+    let max = || amount_fault("iridescence.thickness_max_nm", of.thickness_max_nm);
+    share_fault("iridescence.factor", of.factor).or(ior).or_else(min).or_else(max)
+}
+
+fn amount_fault(what: &str, value: f32) -> Option<String> {
+    let is_amount = value >= 0.0 && value.is_finite();
+    (!is_amount).then(|| format!("{what} is 0 or more, not {value}"))
 }
 
 fn share_fault(what: &str, value: f32) -> Option<String> {

@@ -10,6 +10,7 @@ const LAYERS: &str = include_str!("include/layers.wgsl");
 const CLEARCOAT: &str = include_str!("include/clearcoat.wgsl");
 const SHEEN: &str = include_str!("include/sheen.wgsl");
 const ANISOTROPY: &str = include_str!("include/anisotropy.wgsl");
+const IRIDESCENCE: &str = include_str!("include/iridescence.wgsl");
 const TRANSMISSION: &str = include_str!("include/transmission.wgsl");
 const SHADOW: &str = include_str!("include/shadow.wgsl");
 /// Stands for [`SHADOW`] where no light casts shadows.
@@ -48,7 +49,7 @@ pub(crate) struct Interface {
 /// The extensions of a material that change its light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct ExtensionSet {
-    /// `KHR_materials_ior` or `KHR_materials_specular`.
+    /// `KHR_materials_ior` or `KHR_materials_specular`; iridescence changes what these say.
     pub specular: bool,
     /// `KHR_materials_clearcoat`.
     pub clearcoat: bool,
@@ -62,12 +63,19 @@ pub(crate) struct ExtensionSet {
     pub dispersion: bool,
     /// `KHR_materials_anisotropy`, where vertices have tangents.
     pub anisotropy: bool,
+    /// `KHR_materials_iridescence`.
+    pub iridescence: bool,
 }
 
 impl ExtensionSet {
     /// Returns whether the material has none.
     pub fn is_empty(self) -> bool {
         self == Self::default()
+    }
+
+    /// Returns whether shaders have the numbers of anisotropy and of what was added after it.
+    fn has_further_numbers(self) -> bool {
+        self.anisotropy || self.iridescence
     }
 
     /// Returns whether layers lie above the material.
@@ -84,6 +92,7 @@ impl ExtensionSet {
             (self.sheen, SHEEN),
             (self.transmission, TRANSMISSION),
             (self.anisotropy, ANISOTROPY),
+            (self.iridescence, IRIDESCENCE),
         ]
         .into_iter()
         .filter_map(|(is_there, text)| is_there.then_some(text))
@@ -111,6 +120,9 @@ impl Interface {
             "volume" => self.extensions.volume,
             "dispersion" => self.extensions.dispersion,
             "anisotropy" => self.extensions.anisotropy,
+            "iridescence" => self.extensions.iridescence,
+            "unfilmed" => self.extensions.specular && !self.extensions.iridescence,
+            "further" => self.extensions.has_further_numbers(),
             "layers" => self.extensions.has_layers(),
             _ => false,
         }

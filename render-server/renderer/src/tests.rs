@@ -9,6 +9,7 @@ mod fog;
 mod furnace;
 #[expect(dead_code, reason = "the render server's tests use the rest")]
 mod harness;
+mod iridescence;
 mod labels;
 mod level_choice;
 mod levels;

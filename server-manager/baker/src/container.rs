@@ -15,7 +15,7 @@ use super::uri;
 pub(super) const JSON_BYTES_MAX: usize = 256 << 20;
 
 /// The extensions that a file may require.
-pub(super) const EXTENSIONS: [&str; 22] = [
+pub(super) const EXTENSIONS: [&str; 23] = [
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
@@ -26,6 +26,7 @@ pub(super) const EXTENSIONS: [&str; 22] = [
     "KHR_materials_dispersion",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
+    "KHR_materials_iridescence",
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_sheen",
     "KHR_materials_specular",

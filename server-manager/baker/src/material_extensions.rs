@@ -3,8 +3,8 @@
 use glam::Vec3;
 use gltf::json;
 use polyptych_scene::{
-    Anisotropy, Clearcoat, EXTENSION_TEXTURES_MAX, MaterialExtensions, Sheen, Specular,
-    Transmission, Volume,
+    Anisotropy, Clearcoat, EXTENSION_TEXTURES_MAX, Iridescence, MaterialExtensions, Sheen,
+    Specular, Transmission, Volume,
 };
 use serde::Deserialize;
 
@@ -129,6 +129,34 @@ struct AnisotropyJson {
     texture: Option<json::texture::Info>,
 }
 
+/// `KHR_materials_iridescence`.
+#[derive(Deserialize)]
+#[serde(default)]
+struct IridescenceJson {
+    #[serde(rename = "iridescenceFactor")]
+    factor: f32,
+    #[serde(rename = "iridescenceTexture")]
+    texture: Option<json::texture::Info>,
+    #[serde(rename = "iridescenceIor")]
+    ior: f32,
+    #[serde(rename = "iridescenceThicknessMinimum")]
+    thickness_min: f32,
+    #[serde(rename = "iridescenceThicknessMaximum")]
+    thickness_max: f32,
+    #[serde(rename = "iridescenceThicknessTexture")]
+    thickness_texture: Option<json::texture::Info>,
+}
+
+impl Default for IridescenceJson {
+    fn default() -> Self {
+        let of = Iridescence::default();
+        let (thickness_min, thickness_max) = (of.thickness_min_nm, of.thickness_max_nm);
+        let (texture, thickness_texture) = (None, None);
+        let (factor, ior) = (of.factor, of.ior);
+        Self { factor, texture, ior, thickness_min, thickness_max, thickness_texture }
+    }
+}
+
 impl MaterialContext<'_, '_, '_> {
     /// Reads an extension of the material; `None` where it has none.
     pub(super) fn extension<T: for<'de> Deserialize<'de>>(
@@ -162,8 +190,16 @@ impl MaterialContext<'_, '_, '_> {
         let transmission = self.transmission(json)?;
         let volume = self.volume(json)?.filter(|_| transmission.is_some());
         let anisotropy = self.anisotropy(json)?;
-        let mut made =
-            MaterialExtensions { specular, clearcoat, sheen, transmission, volume, anisotropy };
+        let iridescence = self.iridescence(json)?;
+        let mut made = MaterialExtensions {
+            specular,
+            clearcoat,
+            sheen,
+            transmission,
+            volume,
+            anisotropy,
+            iridescence,
+        };
         self.leave_out_textures(&mut made);
         let is_plain = made == MaterialExtensions::default();
         Ok((!is_plain).then(|| Box::new(made)))
@@ -274,5 +310,19 @@ impl MaterialContext<'_, '_, '_> {
         self.tangents(texture);
         let rotation_rad = if read.rotation_rad.is_finite() { read.rotation_rad } else { 0.0 };
         Ok(Some(Anisotropy { strength: limit(read.strength, 0.0, 1.0), rotation_rad, texture }))
+    }
+
+    /// An index of refraction below 1, which glTF forbids, becomes 1.
+    fn iridescence(&mut self, json: &json::Material) -> Result<Option<Iridescence>, BakeError> {
+        let read = self.extension::<IridescenceJson>(json, "KHR_materials_iridescence")?;
+        let Some(read) = read.filter(|read| read.factor > 0.0) else { return Ok(None) };
+        Ok(Some(Iridescence {
+            factor: limit(read.factor, 0.0, 1.0),
+            ior: limit(read.ior, 1.0, FACTOR_MAX),
+            thickness_min_nm: limit(read.thickness_min, 0.0, FACTOR_MAX),
+            thickness_max_nm: limit(read.thickness_max, 0.0, FACTOR_MAX),
+            texture: self.optional(read.texture.as_ref(), TextureKind::Data)?,
+            thickness_texture: self.optional(read.thickness_texture.as_ref(), TextureKind::Data)?,
+        }))
     }
 }

@@ -13,9 +13,9 @@ use polyptych_manager::scene_export;
 use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{
     AlphaMode, Anisotropy, AssetManifests, Attribute, Clearcoat, Filter, IndexFormat, Instance,
-    Light, LightKind, Material, MaterialExtensions, Mesh, MipFilter, Node, NodeExtras, NodeId,
-    Primitive, Sampler, Scene, SceneEdits, Sheen, Specular, Texture, TextureFormat, TextureRef,
-    Topology, Transmission, VertexLayout, Volume, Wrap,
+    Iridescence, Light, LightKind, Material, MaterialExtensions, Mesh, MipFilter, Node, NodeExtras,
+    NodeId, Primitive, Sampler, Scene, SceneEdits, Sheen, Specular, Texture, TextureFormat,
+    TextureRef, Topology, Transmission, VertexLayout, Volume, Wrap,
 };
 
 /// Scenes that are tried.
@@ -136,7 +136,7 @@ fn extensions(
     };
     let mut made = MaterialExtensions { specular: Some(specular), ..MaterialExtensions::default() };
     // Not all: a material can have five textures of extensions.
-    let which = random.usize(0..4);
+    let which = random.usize(0..5);
     if which == 0 {
         let normal_texture = texture_of(random, data);
         made.clearcoat = Some(Clearcoat {
@@ -153,6 +153,15 @@ fn extensions(
             roughness: unit(random),
             color_texture: texture_of(random, color),
             roughness_texture: texture_of(random, color),
+        });
+    } else if which == 3 {
+        made.iridescence = Some(Iridescence {
+            factor: unit(random).max(0.01),
+            ior: 1.0 + unit(random),
+            thickness_min_nm: unit(random) * 1000.0,
+            thickness_max_nm: unit(random) * 1000.0,
+            texture: texture_of(random, data),
+            thickness_texture: texture_of(random, data),
         });
     } else if which == 2 {
         made.anisotropy = Some(Anisotropy {

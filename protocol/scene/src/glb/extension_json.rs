@@ -4,7 +4,9 @@ use std::io::Write;
 
 use super::GlbWriter;
 use super::material_json::texture_json;
-use crate::{Anisotropy, Clearcoat, MaterialExtensions, Sheen, Specular, Transmission, Volume};
+use crate::{
+    Anisotropy, Clearcoat, Iridescence, MaterialExtensions, Sheen, Specular, Transmission, Volume,
+};
 
 /// Returns the extensions as members of a material's `extensions`.
 pub(super) fn members<W: Write>(of: &MaterialExtensions, file: &mut GlbWriter<W>) -> Vec<String> {
@@ -17,6 +19,7 @@ pub(super) fn members<W: Write>(of: &MaterialExtensions, file: &mut GlbWriter<W>
     members.extend(of.transmission.iter().map(|of| transmission_member(of, file)));
     members.extend(of.volume.iter().map(|of| volume_members(of, file)));
     members.extend(of.anisotropy.iter().map(|of| anisotropy_member(of, file)));
+    members.extend(of.iridescence.iter().map(|of| iridescence_member(of, file)));
     members
 }
 
@@ -103,4 +106,16 @@ fn anisotropy_member<W: Write>(of: &Anisotropy, file: &mut GlbWriter<W>) -> Stri
         of.strength, of.rotation_rad
     );
     format!(r#""{name}":{{{factors}{texture}}}"#)
+}
+
+fn iridescence_member<W: Write>(of: &Iridescence, file: &mut GlbWriter<W>) -> String {
+    let part = texture_json("iridescenceTexture", of.texture, "", file);
+    let thickness = texture_json("iridescenceThicknessTexture", of.thickness_texture, "", file);
+    let name = file.use_extension("KHR_materials_iridescence");
+    let film = format!(r#""iridescenceFactor":{:?},"iridescenceIor":{:?}"#, of.factor, of.ior);
+    let range = format!(
+        r#""iridescenceThicknessMinimum":{:?},"iridescenceThicknessMaximum":{:?}"#,
+        of.thickness_min_nm, of.thickness_max_nm
+    );
+    format!(r#""{name}":{{{film},{range}{part}{thickness}}}"#)
 }

@@ -12,8 +12,10 @@ struct Extension {
     transmission: vec4<f32>,
     // Of the volume per unit of the world; w is the factor of roughness for light that passes.
     absorption: vec4<f32>,
-    // Strength, and cosine and sine of the direction's angle.
-    anisotropy: vec4<f32>, //? anisotropy
+    // Strength, and cosine and sine of the direction's angle. //? further
+    anisotropy: vec4<f32>, //? further
+    // Part, index of refraction, thickness in nanometres from and to. //? further
+    film: vec4<f32>, //? further
 }
 
 @group(3) @binding(0) var<uniform> extension: Extension;
@@ -46,6 +48,8 @@ override SHEEN_ROUGHNESS: u32 = 0u; //? sheen
 override TRANSMISSION: u32 = 0u; //? transmission
 override THICKNESS: u32 = 0u; //? volume
 override ANISOTROPY: u32 = 0u; //? anisotropy
+override IRIDESCENCE: u32 = 0u; //? iridescence
+override IRIDESCENCE_THICKNESS: u32 = 0u; //? iridescence
 
 fn further_coordinates(v: Varyings, slot: u32, which: u32) -> vec2<f32> {
     var uv = vec2<f32>(0.0);

@@ -38,6 +38,7 @@ struct Surface {
     // Of the dielectric: reflectance from the front, and the part of the reflection that is there.
     reflectance: vec4<f32>, //? specular
     grain: Grain, //? anisotropy
+    film: Film, //? iridescence
     coat: Coat, //? clearcoat
     sheen: Sheen, //? sheen
 }
@@ -82,7 +83,9 @@ fn reflect_below(s: Surface, toward: vec3<f32>, irradiance: vec3<f32>) -> vec3<f
     let c2 = c * c;
     let c5 = c2 * c2 * c;
     let beneath = (1.0 - DIELECTRIC_F0) * (1.0 - c5); //? !specular
-    let beneath = 1.0 - s.reflectance.a * mix(largest(s.reflectance.rgb), 1.0, c5); //? specular
+    let dielectric = s.reflectance.a * mix(s.reflectance.rgb, vec3<f32>(1.0), c5); //? iridescence
+    let beneath = 1.0 - largest(filmed(s.film, dielectric)); //? iridescence
+    let beneath = 1.0 - s.reflectance.a * mix(largest(s.reflectance.rgb), 1.0, c5); //? unfilmed
     let brdf = s.diffuse * beneath + (s.f0 + s.rise * c5) * specular;
     return brdf * irradiance * (n_dot_l * (1.0 / PI));
 }
@@ -153,7 +156,9 @@ fn layered(seen: Surface, base: vec3<f32>, metallic: f32) -> Surface {
     let dielectric = s.reflectance.a * (1.0 + f0 * lost); //? specular
     s.f0 = rest * dielectric * f0 + metal * base; //? specular
     s.rise = rest * dielectric * (1.0 - f0) + metal * (1.0 - base); //? specular
-    s.dielectric = largest(dielectric * mix(s.albedo.yyy, s.albedo.xxx, f0)); //? specular
+    s.dielectric = largest(dielectric * mix(s.albedo.yyy, s.albedo.xxx, f0)); //? unfilmed
+    let reflected = dielectric * mix(s.albedo.yyy, s.albedo.xxx, f0); //? iridescence
+    s = below_film(s, reflected, metallic); //? iridescence
     return s;
 }
 
@@ -203,6 +208,7 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     let texels = further_texels(v); //? extended
     s.grain = grain_of(v, s, texels); //? anisotropy
     s.reflectance = reflectance(texels); //? specular
+    s.film = film_of(s, base, texels); //? iridescence
     s = layered(s, base, metallic);
     let part = transmitted_part(texels); //? transmission
     passing.part = s.diffuse * (part * (1.0 - s.dielectric)); //? transmission

@@ -36,6 +36,8 @@ pub(crate) struct ExtensionUniform {
     pub absorption: [f32; 4],
     /// Strength, cosine and sine of the direction's angle.
     pub anisotropy: [f32; 4],
+    /// Part, index of refraction, thickness in nanometres from and to.
+    pub film: [f32; 4],
 }
 
 impl ExtensionUniform {
@@ -62,6 +64,9 @@ impl ExtensionUniform {
             anisotropy: of.anisotropy.as_ref().map_or([0.0; 4], |of| {
                 let (sin, cos) = of.rotation_rad.sin_cos();
                 [of.strength, cos, sin, 0.0]
+            }),
+            film: of.iridescence.as_ref().map_or([0.0; 4], |of| {
+                [of.factor, of.ior, of.thickness_min_nm, of.thickness_max_nm]
             }),
         }
     }
@@ -100,13 +105,14 @@ impl ExtensionFeatures {
         let bends = of.specular.as_ref().is_none_or(|of| of.ior != 0.0);
         Self {
             set: ExtensionSet {
-                specular: of.specular.is_some(),
+                specular: of.specular.is_some() || of.iridescence.is_some(),
                 clearcoat: of.clearcoat.is_some(),
                 sheen: of.sheen.is_some(),
                 transmission: of.transmission.is_some(),
                 volume: volume.is_some(),
                 dispersion: bends && volume.is_some_and(|of| of.dispersion > 0.0),
                 anisotropy: layout.tangent && of.anisotropy.is_some(),
+                iridescence: of.iridescence.is_some(),
             },
             places,
             coordinates: std::array::from_fn(|at| slot_of(distinct.get(at).copied(), layout)),
@@ -127,19 +133,20 @@ impl ExtensionFeatures {
             return Vec::new();
         }
         let coordinates = self.coordinates.map(|slot| f64::from(slot as u8));
-        let ExtensionSet { specular, clearcoat, sheen, transmission, volume, anisotropy, .. } =
-            self.set;
+        let set = self.set;
         let names: [(&str, bool); EXTENSION_SLOTS] = [
-            ("SPECULAR", specular),
-            ("SPECULAR_COLOR", specular),
-            ("CLEARCOAT", clearcoat),
-            ("CLEARCOAT_ROUGHNESS", clearcoat),
-            ("CLEARCOAT_NORMAL", clearcoat),
-            ("SHEEN_COLOR", sheen),
-            ("SHEEN_ROUGHNESS", sheen),
-            ("TRANSMISSION", transmission),
-            ("THICKNESS", volume),
-            ("ANISOTROPY", anisotropy),
+            ("SPECULAR", set.specular),
+            ("SPECULAR_COLOR", set.specular),
+            ("CLEARCOAT", set.clearcoat),
+            ("CLEARCOAT_ROUGHNESS", set.clearcoat),
+            ("CLEARCOAT_NORMAL", set.clearcoat),
+            ("SHEEN_COLOR", set.sheen),
+            ("SHEEN_ROUGHNESS", set.sheen),
+            ("TRANSMISSION", set.transmission),
+            ("THICKNESS", set.volume),
+            ("ANISOTROPY", set.anisotropy),
+            ("IRIDESCENCE", set.iridescence),
+            ("IRIDESCENCE_THICKNESS", set.iridescence),
         ];
         let places = names.into_iter().zip(self.places.map(f64::from));
         let places = places.filter_map(|((name, is_there), at)| is_there.then_some((name, at)));

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3, Vec4};
-use polyptych_scene::{Light, LightKind, Material};
+use polyptych_scene::{Light, LightKind, Material, ToneMapper};
 
 use super::environment::uniform;
 use super::harness::{MeshFixture, SceneFixture, draw, gpu, look, pixel};
@@ -72,12 +72,39 @@ pub(super) fn radiance_of(
 
 /// The same of another plate with a material of the scene.
 pub(super) fn radiance_of_mesh(
+    stage: SceneFixture,
+    plate: (&MeshFixture, u32),
+    mu: f64,
+    around: (f64, Option<Arc<Environment>>),
+    lights: &[(DVec3, f64)],
+) -> f64 {
+    let shown = shown(stage, plate, mu, around, (lights, ToneMapper::default())).x;
+    assert!((0.05..0.75).contains(&shown), "{shown} is not in the middle of the tone mapper");
+    // Khronos PBR Neutral there.
+    shown + 0.04
+}
+
+/// The same in three colours, each less than 1.
+pub(super) fn color_of(
+    (mut stage, material): (SceneFixture, Material),
+    mu: f64,
+    around: (f64, Option<Arc<Environment>>),
+    lights: &[(DVec3, f64)],
+) -> DVec3 {
+    let material = stage.material(material);
+    let plate = MeshFixture::rectangle(50.0, 50.0);
+    let shown = shown(stage, (&plate, material), mu, around, (lights, ToneMapper::None));
+    assert!(shown.max_element() < 1.0, "{shown} is cut by the tone mapper");
+    shown
+}
+
+fn shown(
     mut stage: SceneFixture,
     (shape, material): (&MeshFixture, u32),
     mu: f64,
     (around, environment): (f64, Option<Arc<Environment>>),
-    lights: &[(DVec3, f64)],
-) -> f64 {
+    (lights, tone): (&[(DVec3, f64)], ToneMapper),
+) -> DVec3 {
     stage.desc.sky = Vec3::splat(around as f32);
     stage.ground = Some(stage.desc.sky);
     let mesh = stage.mesh(shape, Some(material));
@@ -89,17 +116,15 @@ pub(super) fn radiance_of_mesh(
     }
     let scene = stage.build().with_environment(environment);
     let mut renderer = Renderer::new(gpu(), 1).unwrap();
+    let view = ViewDesc { tone, ..look(aslant(mu) * 3.0, DVec3::ZERO, [1, 1]) };
     renderer.prepare_for(gpu(), &scene, ImageEncoding::Light);
     let mut target =
         Target::with_encoding(gpu(), [1, 1], 1, scene.has_transparency(), ImageEncoding::Light)
             .unwrap();
-    let view = look(aslant(mu) * 3.0, DVec3::ZERO, [1, 1]);
     renderer.draw(gpu(), &scene, &mut target, &[view]).unwrap();
     let bytes = read_pixels(gpu(), &target).unwrap();
-    let shown = f16_from_bits(u16::from_le_bytes([bytes[0], bytes[1]]));
-    assert!((0.05..0.75).contains(&shown), "{shown} is not in the middle of the tone mapper");
-    // Khronos PBR Neutral there.
-    shown + 0.04
+    let channel = |at: usize| f16_from_bits(u16::from_le_bytes([bytes[2 * at], bytes[2 * at + 1]]));
+    DVec3::new(channel(0), channel(1), channel(2))
 }
 
 /// Part of uniform surroundings that a layer of this f0 reflects, many times included.

@@ -40,12 +40,14 @@ fn interfaces() -> impl Iterator<Item = Interface> {
 
 /// All sets of extensions.
 fn extension_sets() -> impl Iterator<Item = ExtensionSet> {
-    (0..64u32).map(|bits| {
+    (0..128u32).map(|bits| {
         let bit = |at: u32| bits >> at & 1 == 1;
         // A volume is one that transmits light, and one that disperses it has a volume.
         let glass = bits >> 3 & 3;
         let (transmission, volume, dispersion) = (glass > 0, glass > 1, glass > 2);
-        let (specular, clearcoat, sheen) = (bit(0), bit(1), bit(2));
+        let (clearcoat, sheen, iridescence) = (bit(1), bit(2), bit(6));
+        // Iridescence changes what index of refraction and specular say.
+        let specular = bit(0) || iridescence;
         ExtensionSet {
             specular,
             clearcoat,
@@ -54,6 +56,7 @@ fn extension_sets() -> impl Iterator<Item = ExtensionSet> {
             volume,
             dispersion,
             anisotropy: bit(5),
+            iridescence,
         }
     })
 }
@@ -194,7 +197,8 @@ fn uniforms_match_their_twins() {
         sheen,
         transmission,
         absorption,
-        anisotropy
+        anisotropy,
+        film
     );
     twin!("Region", RegionRecord, corner, place, size, scale, reach);
     twin!("Behind", BehindUniform, sharp, wide, pixels, pixels_per_radian, detail_max, bounds);

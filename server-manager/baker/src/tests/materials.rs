@@ -311,3 +311,26 @@ fn an_anisotropic_part_without_tangents_and_coordinates_is_noted() {
     let layout = scene.meshes[0].primitives[0].layout;
     assert!(layout.tangent && !layout.uv0);
 }
+
+#[test]
+fn iridescence_is_read_and_brought_to_its_range() {
+    for (read, wanted) in [
+        (json!({}), None),
+        (json!({ "iridescenceFactor": 0, "iridescenceIor": 2 }), None),
+        (json!({ "iridescenceFactor": -1 }), None),
+        (json!({ "iridescenceFactor": 0.25 }), Some([0.25, 1.3, 100.0, 400.0])),
+        (
+            json!({ "iridescenceFactor": 7, "iridescenceIor": 0.5,
+                "iridescenceThicknessMinimum": -3, "iridescenceThicknessMaximum": 1e300 }),
+            Some([1.0, 1.0, 0.0, 65504.0]),
+        ),
+    ] {
+        let name = read.to_string();
+        let extensions = json!({ "KHR_materials_iridescence": read });
+        let (_place, baked, scene) = bake_builder(&quad(&json!({ "extensions": extensions })));
+        let made = scene.materials[0].extensions.as_ref().and_then(|of| of.iridescence.clone());
+        let got = made.map(|of| [of.factor, of.ior, of.thickness_min_nm, of.thickness_max_nm]);
+        assert_eq!(got, wanted, "{name}");
+        assert!(baked.warnings.is_empty(), "{name}: {:?}", baked.warnings);
+    }
+}
