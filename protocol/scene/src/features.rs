@@ -54,6 +54,9 @@ pub struct SceneFeatures {
     /// Materials with `KHR_materials_iridescence`.
     #[serde(default)]
     pub iridescence: bool,
+    /// Materials with `KHR_materials_diffuse_transmission`.
+    #[serde(default)]
+    pub diffuse_transmission: bool,
 }
 
 impl SceneFeatures {
@@ -84,13 +87,14 @@ impl SceneFeatures {
             clearcoat: extends(|of| of.clearcoat.is_some()),
             sheen: extends(|of| of.sheen.is_some()),
             transmission: extends(|of| of.transmission.is_some()),
-            volume: extends(|of| of.transmission.is_some() && of.volume.is_some()),
+            volume: extends(|of| of.has_volume()),
             dispersion: extends(|of| {
                 of.transmission.is_some()
                     && of.volume.as_ref().is_some_and(|of| of.dispersion > 0.0)
             }),
             anisotropy: extends(|of| of.anisotropy.is_some()),
             iridescence: extends(|of| of.iridescence.is_some()),
+            diffuse_transmission: extends(|of| of.diffuse_transmission.is_some()),
             sun_shadows: scene.nodes.iter().any(|node| {
                 let light = node.light.and_then(|light| scene.lights.get(light as usize));
                 light.is_some_and(Light::casts_shadows)
@@ -119,6 +123,7 @@ impl SceneFeatures {
             (self.dispersion, "dispersion"),
             (self.anisotropy, "anisotropy"),
             (self.iridescence, "iridescence"),
+            (self.diffuse_transmission, "diffuse_transmission"),
         ]
         .into_iter()
         .filter_map(|(needed, name)| needed.then_some(name))

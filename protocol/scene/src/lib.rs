@@ -51,8 +51,8 @@ pub use layers::{Layers, NodeTraits, SceneSubset};
 pub use level_cut::{CUTS_MAX, LevelCut};
 pub use material::{AlphaMode, Material, TextureRef};
 pub use material_extensions::{
-    Anisotropy, Clearcoat, EXTENSION_SLOTS, EXTENSION_TEXTURES_MAX, Iridescence,
-    MaterialExtensions, Sheen, Specular, Transmission, Volume,
+    Anisotropy, Clearcoat, DiffuseTransmission, EXTENSION_SLOTS, EXTENSION_TEXTURES_MAX,
+    Iridescence, MaterialExtensions, Sheen, Specular, Transmission, Volume,
 };
 pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 pub use motion::{Moment, Motion};

@@ -11,7 +11,7 @@ use super::TextureRef;
 pub const EXTENSION_TEXTURES_MAX: usize = 5;
 
 /// Slots of textures that all extensions together have.
-pub const EXTENSION_SLOTS: usize = 12;
+pub const EXTENSION_SLOTS: usize = 14;
 
 /// The extensions of a material. Factors multiply the textures; all are linear.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -24,12 +24,14 @@ pub struct MaterialExtensions {
     pub sheen: Option<Sheen>,
     /// Light that passes through the surface.
     pub transmission: Option<Transmission>,
-    /// The substance below a surface that transmits light; a thin wall if `None`.
+    /// The substance below a surface that transmits light, diffusely or not; a thin wall if `None`.
     pub volume: Option<Volume>,
     /// Reflections that are longer in one direction.
     pub anisotropy: Option<Anisotropy>,
     /// A film so thin that light interferes in it.
     pub iridescence: Option<Iridescence>,
+    /// Light that passes through the surface and is scattered evenly.
+    pub diffuse_transmission: Option<DiffuseTransmission>,
 }
 
 /// `KHR_materials_ior` and `KHR_materials_specular`.
@@ -119,6 +121,28 @@ pub struct Anisotropy {
     pub texture: Option<TextureRef>,
 }
 
+/// `KHR_materials_diffuse_transmission`: light of the other side that is scattered evenly, as by a
+/// leaf or paper.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DiffuseTransmission {
+    /// Part of the light below the surface that passes: 0 to 1.
+    pub factor: f32,
+    /// Linear RGB of the light that passes: 0 to 1.
+    pub color: Vec3,
+    /// The part in A.
+    pub texture: Option<TextureRef>,
+    /// sRGB.
+    pub color_texture: Option<TextureRef>,
+}
+
+impl Default for DiffuseTransmission {
+    /// No light, of any colour.
+    fn default() -> Self {
+        let (texture, color_texture) = (None, None);
+        Self { factor: 0.0, color: Vec3::ONE, texture, color_texture }
+    }
+}
+
 /// `KHR_materials_iridescence`: a film on the surface whose colour depends on the angle, as that of
 /// a soap bubble.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -202,7 +226,7 @@ impl MaterialExtensions {
     /// Returns its textures in the order in which shaders name them: the part of the reflection,
     /// its colour; the part of the clear coat, its roughness, its normals; the colour of
     /// the sheen, its roughness; the part that passes, the thickness; the anisotropy; the part of
-    /// the film, its thickness.
+    /// the film, its thickness; the part that passes diffusely, its colour.
     pub fn texture_slots(&self) -> [Option<TextureRef>; EXTENSION_SLOTS] {
         let specular = self.specular.as_ref();
         let coat = self.clearcoat.as_ref();
@@ -219,6 +243,8 @@ impl MaterialExtensions {
             self.anisotropy.as_ref().and_then(|of| of.texture),
             self.iridescence.as_ref().and_then(|of| of.texture),
             self.iridescence.as_ref().and_then(|of| of.thickness_texture),
+            self.diffuse_transmission.as_ref().and_then(|of| of.texture),
+            self.diffuse_transmission.as_ref().and_then(|of| of.color_texture),
         ]
     }
 
@@ -238,7 +264,15 @@ impl MaterialExtensions {
         let film = self.iridescence.iter_mut();
         let film = film.flat_map(|of| [&mut of.texture, &mut of.thickness_texture]);
         let layers = specular.chain(coat).chain(sheen).chain(transmission).chain(volume);
-        layers.chain(anisotropy).chain(film)
+        let through = self.diffuse_transmission.iter_mut();
+        let through = through.flat_map(|of| [&mut of.texture, &mut of.color_texture]);
+        layers.chain(anisotropy).chain(film).chain(through)
+    }
+
+    /// Returns whether light that passes goes through a volume.
+    pub fn has_volume(&self) -> bool {
+        let passes = self.transmission.is_some() || self.diffuse_transmission.is_some();
+        passes && self.volume.is_some()
     }
 
     /// Returns its different textures, in the order of the slots. Shaders read no more than the
@@ -264,7 +298,8 @@ impl MaterialExtensions {
         let glass = || transmission().or_else(volume);
         let film = || self.iridescence.as_ref().and_then(iridescence_fault);
         let layers = specular.or_else(coat).or_else(sheen).or_else(glass);
-        layers.or_else(anisotropy).or_else(film)
+        let through = || self.diffuse_transmission.as_ref().and_then(diffuse_transmission_fault);
+        layers.or_else(anisotropy).or_else(film).or_else(through)
     }
 }
 
@@ -317,6 +352,12 @@ fn iridescence_fault(of: &Iridescence) -> Option<String> {
     share_fault("iridescence.factor", of.factor).or(ior).or_else(min).or_else(max)
 }
 
+fn diffuse_transmission_fault(of: &DiffuseTransmission) -> Option<String> {
+    let color = of.color.to_array().map(|part| share_fault("diffuse_transmission.color", part));
+    let [r, g, b] = color;
+    r.or(g).or(b).or_else(|| share_fault("diffuse_transmission.factor", of.factor))
+}
+
 fn amount_fault(what: &str, value: f32) -> Option<String> {
     let is_amount = value >= 0.0 && value.is_finite();
     (!is_amount).then(|| format!("{what} is 0 or more, not {value}"))
@@ -330,4 +371,87 @@ fn share_fault(what: &str, value: f32) -> Option<String> {
 fn color_fault(what: &str, color: Vec3) -> Option<String> {
     let is_color = color.is_finite() && color.min_element() >= 0.0;
     (!is_color).then(|| format!("{what} is 0 or more in all three, not {color}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_out_of_their_range_are_named() {
+        let brushed = |strength, rotation_rad| MaterialExtensions {
+            anisotropy: Some(Anisotropy { strength, rotation_rad, texture: None }),
+            ..MaterialExtensions::default()
+        };
+        let filmy = |ior, thickness_max_nm| MaterialExtensions {
+            iridescence: Some(Iridescence { ior, thickness_max_nm, ..Iridescence::default() }),
+            ..MaterialExtensions::default()
+        };
+        let translucent = |factor, red| MaterialExtensions {
+            diffuse_transmission: Some(DiffuseTransmission {
+                factor,
+                color: Vec3::new(red, 0.5, 1.0),
+                ..DiffuseTransmission::default()
+            }),
+            ..MaterialExtensions::default()
+        };
+        for sound in [brushed(1.0, -40.0), filmy(1.0, 0.0), translucent(1.0, 0.0)] {
+            assert_eq!(sound.fault(), None);
+        }
+        for (wrong, part) in [
+            (brushed(1.5, 0.0), "anisotropy.strength is 0 to 1, not 1.5"),
+            (brushed(f32::NAN, 0.0), "anisotropy.strength is 0 to 1"),
+            (brushed(1.0, f32::INFINITY), "anisotropy.rotation_rad is finite, not inf"),
+            (filmy(0.9, 1.0), "iridescence.ior is 1 or more, not 0.9"),
+            (filmy(f32::INFINITY, 1.0), "iridescence.ior is 1 or more"),
+            (filmy(1.3, -1.0), "iridescence.thickness_max_nm is 0 or more, not -1"),
+            (translucent(-0.1, 0.0), "diffuse_transmission.factor is 0 to 1, not -0.1"),
+            (translucent(1.0, 2.0), "diffuse_transmission.color is 0 to 1, not 2"),
+        ] {
+            let fault = wrong.fault().unwrap_or_default();
+            assert!(fault.contains(part), "{fault}: not {part}");
+        }
+    }
+
+    #[test]
+    fn every_texture_is_in_a_slot_and_can_be_changed() {
+        let texture = |texture| {
+            Some(TextureRef { texture, uv_set: 0, uv_transform: glam::Affine2::IDENTITY })
+        };
+        let mut all = MaterialExtensions {
+            specular: Some(Specular {
+                texture: texture(0),
+                color_texture: texture(1),
+                ..Specular::default()
+            }),
+            clearcoat: Some(Clearcoat {
+                texture: texture(2),
+                roughness_texture: texture(3),
+                normal_texture: texture(4),
+                ..Clearcoat::default()
+            }),
+            sheen: Some(Sheen {
+                color_texture: texture(5),
+                roughness_texture: texture(6),
+                ..Sheen::default()
+            }),
+            transmission: Some(Transmission { factor: 1.0, texture: texture(7) }),
+            volume: Some(Volume { thickness_texture: texture(8), ..Volume::default() }),
+            anisotropy: Some(Anisotropy { texture: texture(9), ..Anisotropy::default() }),
+            iridescence: Some(Iridescence {
+                texture: texture(10),
+                thickness_texture: texture(11),
+                ..Iridescence::default()
+            }),
+            diffuse_transmission: Some(DiffuseTransmission {
+                texture: texture(12),
+                color_texture: texture(13),
+                ..DiffuseTransmission::default()
+            }),
+        };
+        let slots = all.texture_slots();
+        assert!(slots.iter().zip(0..).all(|(slot, at)| *slot == texture(at)), "{slots:?}");
+        let changed: Vec<_> = all.slots_mut().map(|slot| *slot).collect();
+        assert_eq!(changed, slots, "in the same order");
+    }
 }

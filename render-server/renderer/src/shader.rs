@@ -11,6 +11,7 @@ const CLEARCOAT: &str = include_str!("include/clearcoat.wgsl");
 const SHEEN: &str = include_str!("include/sheen.wgsl");
 const ANISOTROPY: &str = include_str!("include/anisotropy.wgsl");
 const IRIDESCENCE: &str = include_str!("include/iridescence.wgsl");
+const DIFFUSE_TRANSMISSION: &str = include_str!("include/diffuse_transmission.wgsl");
 const TRANSMISSION: &str = include_str!("include/transmission.wgsl");
 const SHADOW: &str = include_str!("include/shadow.wgsl");
 /// Stands for [`SHADOW`] where no light casts shadows.
@@ -57,7 +58,7 @@ pub(crate) struct ExtensionSet {
     pub sheen: bool,
     /// `KHR_materials_transmission`.
     pub transmission: bool,
-    /// `KHR_materials_volume`, of a surface that transmits light.
+    /// `KHR_materials_volume`, of a surface that transmits light, diffusely or not.
     pub volume: bool,
     /// `KHR_materials_dispersion`, of such a volume.
     pub dispersion: bool,
@@ -65,6 +66,8 @@ pub(crate) struct ExtensionSet {
     pub anisotropy: bool,
     /// `KHR_materials_iridescence`.
     pub iridescence: bool,
+    /// `KHR_materials_diffuse_transmission`.
+    pub diffuse_transmission: bool,
 }
 
 impl ExtensionSet {
@@ -75,7 +78,7 @@ impl ExtensionSet {
 
     /// Returns whether shaders have the numbers of anisotropy and of what was added after it.
     fn has_further_numbers(self) -> bool {
-        self.anisotropy || self.iridescence
+        self.anisotropy || self.iridescence || self.diffuse_transmission
     }
 
     /// Returns whether layers lie above the material.
@@ -93,6 +96,7 @@ impl ExtensionSet {
             (self.transmission, TRANSMISSION),
             (self.anisotropy, ANISOTROPY),
             (self.iridescence, IRIDESCENCE),
+            (self.diffuse_transmission, DIFFUSE_TRANSMISSION),
         ]
         .into_iter()
         .filter_map(|(is_there, text)| is_there.then_some(text))
@@ -122,6 +126,7 @@ impl Interface {
             "anisotropy" => self.extensions.anisotropy,
             "iridescence" => self.extensions.iridescence,
             "unfilmed" => self.extensions.specular && !self.extensions.iridescence,
+            "diffuse_transmission" => self.extensions.diffuse_transmission,
             "further" => self.extensions.has_further_numbers(),
             "layers" => self.extensions.has_layers(),
             _ => false,

@@ -2,6 +2,7 @@
 
 mod anisotropy;
 mod correction;
+mod diffuse_transmission;
 mod environment;
 mod extension_textures;
 mod extensions;

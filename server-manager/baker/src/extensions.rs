@@ -38,10 +38,8 @@ const SAID_ELSEWHERE: [&str; 18] = [
 
 /// Extensions of materials with the keys that must differ from these values to be seen: each is a
 /// number, or the value of all numbers of a list.
-const NEUTRAL: [(&str, &[(&str, f64)]); 2] = [
-    ("KHR_materials_diffuse_transmission", &[("diffuseTransmissionFactor", 0.0)]),
-    ("KHR_materials_volume_scatter", &[("multiscatterColor", 0.0)]),
-];
+const NEUTRAL: [(&str, &[(&str, f64)]); 1] =
+    [("KHR_materials_volume_scatter", &[("multiscatterColor", 0.0)])];
 
 /// How often extensions stand in a file, by name and top-level list.
 #[derive(Debug, Default)]

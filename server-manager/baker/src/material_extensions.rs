@@ -3,8 +3,8 @@
 use glam::Vec3;
 use gltf::json;
 use polyptych_scene::{
-    Anisotropy, Clearcoat, EXTENSION_TEXTURES_MAX, Iridescence, MaterialExtensions, Sheen,
-    Specular, Transmission, Volume,
+    Anisotropy, Clearcoat, DiffuseTransmission, EXTENSION_TEXTURES_MAX, Iridescence,
+    MaterialExtensions, Sheen, Specular, Transmission, Volume,
 };
 use serde::Deserialize;
 
@@ -157,6 +157,26 @@ impl Default for IridescenceJson {
     }
 }
 
+/// `KHR_materials_diffuse_transmission`.
+#[derive(Deserialize)]
+#[serde(default)]
+struct DiffuseTransmissionJson {
+    #[serde(rename = "diffuseTransmissionFactor")]
+    factor: f32,
+    #[serde(rename = "diffuseTransmissionTexture")]
+    texture: Option<json::texture::Info>,
+    #[serde(rename = "diffuseTransmissionColorFactor")]
+    color_factor: [f32; 3],
+    #[serde(rename = "diffuseTransmissionColorTexture")]
+    color_texture: Option<json::texture::Info>,
+}
+
+impl Default for DiffuseTransmissionJson {
+    fn default() -> Self {
+        Self { factor: 0.0, texture: None, color_factor: [1.0; 3], color_texture: None }
+    }
+}
+
 impl MaterialContext<'_, '_, '_> {
     /// Reads an extension of the material; `None` where it has none.
     pub(super) fn extension<T: for<'de> Deserialize<'de>>(
@@ -188,7 +208,9 @@ impl MaterialContext<'_, '_, '_> {
         let specular = converted.map_or_else(|| self.specular(json), |of| Ok(Some(of)))?;
         let (clearcoat, sheen) = (self.clearcoat(json)?, self.sheen(json)?);
         let transmission = self.transmission(json)?;
-        let volume = self.volume(json)?.filter(|_| transmission.is_some());
+        let diffuse_transmission = self.diffuse_transmission(json)?;
+        let passes = transmission.is_some() || diffuse_transmission.is_some();
+        let volume = self.volume(json)?.filter(|_| passes);
         let anisotropy = self.anisotropy(json)?;
         let iridescence = self.iridescence(json)?;
         let mut made = MaterialExtensions {
@@ -199,6 +221,7 @@ impl MaterialContext<'_, '_, '_> {
             volume,
             anisotropy,
             iridescence,
+            diffuse_transmission,
         };
         self.leave_out_textures(&mut made);
         let is_plain = made == MaterialExtensions::default();
@@ -323,6 +346,21 @@ impl MaterialContext<'_, '_, '_> {
             thickness_max_nm: limit(read.thickness_max, 0.0, FACTOR_MAX),
             texture: self.optional(read.texture.as_ref(), TextureKind::Data)?,
             thickness_texture: self.optional(read.thickness_texture.as_ref(), TextureKind::Data)?,
+        }))
+    }
+
+    fn diffuse_transmission(
+        &mut self,
+        json: &json::Material,
+    ) -> Result<Option<DiffuseTransmission>, BakeError> {
+        let name = "KHR_materials_diffuse_transmission";
+        let read = self.extension::<DiffuseTransmissionJson>(json, name)?;
+        let Some(read) = read.filter(|read| read.factor > 0.0) else { return Ok(None) };
+        Ok(Some(DiffuseTransmission {
+            factor: limit(read.factor, 0.0, 1.0),
+            color: Vec3::from(read.color_factor.map(|of| limit(of, 0.0, 1.0))),
+            texture: self.optional(read.texture.as_ref(), TextureKind::Tint)?,
+            color_texture: self.optional(read.color_texture.as_ref(), TextureKind::Tint)?,
         }))
     }
 }

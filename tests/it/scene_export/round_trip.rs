@@ -12,10 +12,10 @@ use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_manager::scene_export;
 use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{
-    AlphaMode, Anisotropy, AssetManifests, Attribute, Clearcoat, Filter, IndexFormat, Instance,
-    Iridescence, Light, LightKind, Material, MaterialExtensions, Mesh, MipFilter, Node, NodeExtras,
-    NodeId, Primitive, Sampler, Scene, SceneEdits, Sheen, Specular, Texture, TextureFormat,
-    TextureRef, Topology, Transmission, VertexLayout, Volume, Wrap,
+    AlphaMode, Anisotropy, AssetManifests, Attribute, Clearcoat, DiffuseTransmission, Filter,
+    IndexFormat, Instance, Iridescence, Light, LightKind, Material, MaterialExtensions, Mesh,
+    MipFilter, Node, NodeExtras, NodeId, Primitive, Sampler, Scene, SceneEdits, Sheen, Specular,
+    Texture, TextureFormat, TextureRef, Topology, Transmission, VertexLayout, Volume, Wrap,
 };
 
 /// Scenes that are tried.
@@ -136,7 +136,7 @@ fn extensions(
     };
     let mut made = MaterialExtensions { specular: Some(specular), ..MaterialExtensions::default() };
     // Not all: a material can have five textures of extensions.
-    let which = random.usize(0..5);
+    let which = random.usize(0..6);
     if which == 0 {
         let normal_texture = texture_of(random, data);
         made.clearcoat = Some(Clearcoat {
@@ -154,6 +154,14 @@ fn extensions(
             color_texture: texture_of(random, color),
             roughness_texture: texture_of(random, color),
         });
+    } else if which == 4 {
+        made.diffuse_transmission = Some(DiffuseTransmission {
+            factor: unit(random).max(0.01),
+            color: direction(random).abs(),
+            texture: texture_of(random, color),
+            color_texture: texture_of(random, color),
+        });
+        made.volume = random.bool().then(|| volume(random, None));
     } else if which == 3 {
         made.iridescence = Some(Iridescence {
             factor: unit(random).max(0.01),
@@ -181,14 +189,20 @@ fn glass(
     mut texture_of: impl FnMut(&mut Rng) -> Option<TextureRef>,
 ) -> (Option<Transmission>, Option<Volume>) {
     let transmission = Transmission { factor: unit(random).max(0.01), texture: texture_of(random) };
-    let volume = Volume {
+    let is_thick = random.bool();
+    let thickness_texture = texture_of(random).filter(|_| is_thick);
+    let volume = volume(random, thickness_texture);
+    (Some(transmission), is_thick.then_some(volume))
+}
+
+fn volume(random: &mut Rng, thickness_texture: Option<TextureRef>) -> Volume {
+    Volume {
         thickness: unit(random) + 0.01,
         attenuation_distance: [f32::INFINITY, unit(random) + 0.1][random.usize(0..2)],
         attenuation_color: direction(random).abs(),
         dispersion: [0.0, unit(random)][random.usize(0..2)],
-        thickness_texture: texture_of(random),
-    };
-    (Some(transmission), random.bool().then_some(volume))
+        thickness_texture,
+    }
 }
 
 fn primitive(random: &mut Rng, scene: &Scene, store: &BlobStore) -> Primitive {

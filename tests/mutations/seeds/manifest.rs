@@ -4,10 +4,11 @@ use glam::{DAffine3, DQuat, DVec3, Quat, Vec3};
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::deformation::{DeformedPrimitive, Joint, Skin};
 use polyptych_scene::{
-    AlphaMode, AnimatedNode, AnimatedPath, Animations, Attribute, Bounds, Channel, Clip,
-    Deformation, IndexFormat, Instance, Interpolation, LevelCut, Light, LightKind, Material, Mesh,
-    Node, NodeExtras, Primitive, Sampler, Scene, Texture, TextureFormat, TextureRef, Topology,
-    Variant, VertexLayout,
+    AlphaMode, AnimatedNode, AnimatedPath, Animations, Anisotropy, Attribute, Bounds, Channel,
+    Clearcoat, Clip, Deformation, DiffuseTransmission, IndexFormat, Instance, Interpolation,
+    Iridescence, LevelCut, Light, LightKind, Material, MaterialExtensions, Mesh, Node, NodeExtras,
+    Primitive, Sampler, Scene, Sheen, Specular, Texture, TextureFormat, TextureRef, Topology,
+    Transmission, Variant, VertexLayout, Volume,
 };
 
 /// The same with levels of detail, which what clips bend has not.
@@ -53,6 +54,25 @@ fn primitive() -> Primitive {
     }
 }
 
+/// All extensions of a material, each with the same texture.
+fn extensions(texture: TextureRef) -> MaterialExtensions {
+    let slot = Some(texture);
+    MaterialExtensions {
+        specular: Some(Specular { ior: 1.8, texture: slot, ..Specular::default() }),
+        clearcoat: Some(Clearcoat { factor: 0.5, texture: slot, ..Clearcoat::default() }),
+        sheen: Some(Sheen { color: Vec3::ONE, roughness: 0.5, ..Sheen::default() }),
+        transmission: Some(Transmission { factor: 0.5, texture: slot }),
+        volume: Some(Volume { thickness: 2.0, ..Volume::default() }),
+        anisotropy: Some(Anisotropy { strength: 0.5, rotation_rad: 1.0, texture: slot }),
+        iridescence: Some(Iridescence { factor: 0.5, texture: slot, ..Iridescence::default() }),
+        diffuse_transmission: Some(DiffuseTransmission {
+            factor: 0.5,
+            texture: slot,
+            ..DiffuseTransmission::default()
+        }),
+    }
+}
+
 /// A manifest with everything in it once.
 pub fn scene() -> Scene {
     let texture = TextureRef { texture: 0, uv_set: 0, uv_transform: glam::Affine2::IDENTITY };
@@ -60,6 +80,7 @@ pub fn scene() -> Scene {
         alpha_mode: AlphaMode::Mask(0.5),
         base_color_texture: Some(texture),
         normal_texture: Some(texture),
+        extensions: Some(Box::new(extensions(texture))),
         ..Material::default()
     };
     let instance =

@@ -5,7 +5,8 @@ use std::io::Write;
 use super::GlbWriter;
 use super::material_json::texture_json;
 use crate::{
-    Anisotropy, Clearcoat, Iridescence, MaterialExtensions, Sheen, Specular, Transmission, Volume,
+    Anisotropy, Clearcoat, DiffuseTransmission, Iridescence, MaterialExtensions, Sheen, Specular,
+    Transmission, Volume,
 };
 
 /// Returns the extensions as members of a material's `extensions`.
@@ -20,6 +21,7 @@ pub(super) fn members<W: Write>(of: &MaterialExtensions, file: &mut GlbWriter<W>
     members.extend(of.volume.iter().map(|of| volume_members(of, file)));
     members.extend(of.anisotropy.iter().map(|of| anisotropy_member(of, file)));
     members.extend(of.iridescence.iter().map(|of| iridescence_member(of, file)));
+    members.extend(of.diffuse_transmission.iter().map(|of| diffuse_transmission_member(of, file)));
     members
 }
 
@@ -118,4 +120,19 @@ fn iridescence_member<W: Write>(of: &Iridescence, file: &mut GlbWriter<W>) -> St
         of.thickness_min_nm, of.thickness_max_nm
     );
     format!(r#""{name}":{{{film},{range}{part}{thickness}}}"#)
+}
+
+fn diffuse_transmission_member<W: Write>(
+    of: &DiffuseTransmission,
+    file: &mut GlbWriter<W>,
+) -> String {
+    let part = texture_json("diffuseTransmissionTexture", of.texture, "", file);
+    let color = texture_json("diffuseTransmissionColorTexture", of.color_texture, "", file);
+    let name = file.use_extension("KHR_materials_diffuse_transmission");
+    let factors = format!(
+        r#""diffuseTransmissionFactor":{:?},"diffuseTransmissionColorFactor":{:?}"#,
+        of.factor,
+        of.color.to_array()
+    );
+    format!(r#""{name}":{{{factors}{part}{color}}}"#)
 }

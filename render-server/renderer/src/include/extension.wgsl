@@ -16,6 +16,8 @@ struct Extension {
     anisotropy: vec4<f32>, //? further
     // Part, index of refraction, thickness in nanometres from and to. //? further
     film: vec4<f32>, //? further
+    // Colour of what passes diffusely, and its part. //? further
+    through: vec4<f32>, //? further
 }
 
 @group(3) @binding(0) var<uniform> extension: Extension;
@@ -50,6 +52,8 @@ override THICKNESS: u32 = 0u; //? volume
 override ANISOTROPY: u32 = 0u; //? anisotropy
 override IRIDESCENCE: u32 = 0u; //? iridescence
 override IRIDESCENCE_THICKNESS: u32 = 0u; //? iridescence
+override THROUGH: u32 = 0u; //? diffuse_transmission
+override THROUGH_COLOR: u32 = 0u; //? diffuse_transmission
 
 fn further_coordinates(v: Varyings, slot: u32, which: u32) -> vec2<f32> {
     var uv = vec2<f32>(0.0);

@@ -59,7 +59,9 @@ fn sheen_light(
 ) -> vec3<f32> {
     let n_dot_l = dot(s.normal, toward);
     if n_dot_l <= 0.0 {
-        return below;
+        return below; //? !diffuse_transmission
+        let over = largest(s.sheen.color) * s.sheen.albedo; //? diffuse_transmission
+        return below * max(1.0 - over, 0.0); //? diffuse_transmission
     }
     let alpha = s.sheen.roughness * s.sheen.roughness;
     let inverse_length = inverseSqrt(max(2.0 + 2.0 * dot(toward, s.toward_eye), 1e-12));

@@ -39,6 +39,10 @@ struct Surface {
     reflectance: vec4<f32>, //? specular
     grain: Grain, //? anisotropy
     film: Film, //? iridescence
+    // Lambert's albedo for light of the other side. //? diffuse_transmission
+    through: vec3<f32>, //? diffuse_transmission
+    // From this side to the other, along the normal. //? diffuse_transmission
+    depth: f32, //? diffuse_transmission
     coat: Coat, //? clearcoat
     sheen: Sheen, //? sheen
 }
@@ -87,7 +91,9 @@ fn reflect_below(s: Surface, toward: vec3<f32>, irradiance: vec3<f32>) -> vec3<f
     let beneath = 1.0 - largest(filmed(s.film, dielectric)); //? iridescence
     let beneath = 1.0 - s.reflectance.a * mix(largest(s.reflectance.rgb), 1.0, c5); //? unfilmed
     let brdf = s.diffuse * beneath + (s.f0 + s.rise * c5) * specular;
-    return brdf * irradiance * (n_dot_l * (1.0 / PI));
+    let through = light_through(s, toward, irradiance); //? diffuse_transmission
+    return through + brdf * irradiance * (n_dot_l * (1.0 / PI)); //? diffuse_transmission
+    return brdf * irradiance * (n_dot_l * (1.0 / PI)); //? !diffuse_transmission
 }
 
 // The interpolated normal, without a normal map, on the side that is seen.
@@ -98,7 +104,12 @@ fn surface_normal(v: Varyings, front: bool) -> vec3<f32> {
 
 fn sun_light(s: Surface, sun: u32, position: vec3<f32>, normal: vec3<f32>) -> vec3<f32> {
     let light = reflect_light(s, frame.suns[sun].toward, frame.suns[sun].irradiance);
-    return light * sun_visibility(sun, position, normal);
+    return light * sun_visibility(sun, position, normal); //? !diffuse_transmission
+    // Light of the other side falls on that. //? diffuse_transmission
+    let is_behind = dot(s.normal, frame.suns[sun].toward) < 0.0; //? diffuse_transmission
+    let lit = position - select(0.0, s.depth, is_behind) * normal; //? diffuse_transmission
+    let side = select(normal, -normal, is_behind); //? diffuse_transmission
+    return light * sun_visibility(sun, lit, side); //? diffuse_transmission
 }
 
 // KHR_lights_punctual: inverse square, windowed by the range, smoothed by the cone.
@@ -138,9 +149,9 @@ fn layered(seen: Surface, base: vec3<f32>, metallic: f32) -> Surface {
     var s = seen;
     s.smith = sqrt(s.n_dot_v * s.n_dot_v * (1.0 - s.alpha_squared) + s.alpha_squared);
     let roughness = sqrt(sqrt(s.alpha_squared));
-    let place = vec2<f32>(sqrt(s.n_dot_v), roughness) * (1.0 - 1.0 / ALBEDO_SIDE); //? !anisotropy
-    let middle = place + 0.5 / ALBEDO_SIDE; //? !anisotropy
-    s.albedo = textureSampleLevel(albedo_table, albedo_sampler, middle, 0.0).rg; //? !anisotropy
+    let place = vec2<f32>(sqrt(s.n_dot_v), roughness) * (1.0 - 1.0 / ALBEDO_SIDE);
+    let middle = place + 0.5 / ALBEDO_SIDE;
+    s.albedo = textureSampleLevel(albedo_table, albedo_sampler, middle, 0.0).rg;
     s.smith = grain_smith(s); //? anisotropy
     s.albedo = grain_albedo(s, roughness); //? anisotropy
     let lost = 1.0 / s.albedo.x - 1.0;
@@ -214,6 +225,8 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     passing.part = s.diffuse * (part * (1.0 - s.dielectric)); //? transmission
     passing.behind = light_behind(v, s, roughness, texels); //? transmission
     s.diffuse *= 1.0 - part; //? transmission
+    s = translucent(v, s, metallic, texels); //? diffuse_transmission
+    s.through *= 1.0 - part; //? diffuse_transmission & transmission
     s.sheen = sheen_of(s.n_dot_v, texels); //? sheen
     s.coat = clear_coat(v, front, s.toward_eye, texels); //? clearcoat
     passing.part *= 1.0 - largest(s.sheen.color * s.sheen.albedo); //? transmission & sheen
@@ -221,6 +234,7 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
 
     var light = ambient(s) * occlusion; //? !environment
     var light = environment_light(s) * occlusion; //? environment
+    light += around_behind(s) * occlusion; //? diffuse_transmission
     light = layers_around(s, light, occlusion); //? layers
     let facing = surface_normal(v, front);
     if SUN_COUNT > 0u { light += sun_light(s, 0u, position, facing); }

@@ -38,6 +38,8 @@ pub(crate) struct ExtensionUniform {
     pub anisotropy: [f32; 4],
     /// Part, index of refraction, thickness in nanometres from and to.
     pub film: [f32; 4],
+    /// Colour of what passes diffusely, and its part.
+    pub through: [f32; 4],
 }
 
 impl ExtensionUniform {
@@ -54,6 +56,7 @@ impl ExtensionUniform {
         let is_endless = specular.ior == 0.0;
         let inverse = if is_endless { 0.0 } else { specular.ior.recip() };
         let rough = if is_endless { 1.0 } else { (2.0 * specular.ior - 2.0).clamp(0.0, 1.0) };
+        let through = of.diffuse_transmission.clone().unwrap_or_default();
         Self {
             uv_transforms: std::array::from_fn(|at| uv_transform(transform(at))),
             specular: (specular.color * specular.reflectance()).extend(specular.factor).to_array(),
@@ -68,6 +71,7 @@ impl ExtensionUniform {
             film: of.iridescence.as_ref().map_or([0.0; 4], |of| {
                 [of.factor, of.ior, of.thickness_min_nm, of.thickness_max_nm]
             }),
+            through: through.color.extend(through.factor).to_array(),
         }
     }
 }
@@ -109,10 +113,11 @@ impl ExtensionFeatures {
                 clearcoat: of.clearcoat.is_some(),
                 sheen: of.sheen.is_some(),
                 transmission: of.transmission.is_some(),
-                volume: volume.is_some(),
+                volume: of.has_volume(),
                 dispersion: bends && volume.is_some_and(|of| of.dispersion > 0.0),
                 anisotropy: layout.tangent && of.anisotropy.is_some(),
                 iridescence: of.iridescence.is_some(),
+                diffuse_transmission: of.diffuse_transmission.is_some(),
             },
             places,
             coordinates: std::array::from_fn(|at| slot_of(distinct.get(at).copied(), layout)),
@@ -147,6 +152,8 @@ impl ExtensionFeatures {
             ("ANISOTROPY", set.anisotropy),
             ("IRIDESCENCE", set.iridescence),
             ("IRIDESCENCE_THICKNESS", set.iridescence),
+            ("THROUGH", set.diffuse_transmission),
+            ("THROUGH_COLOR", set.diffuse_transmission),
         ];
         let places = names.into_iter().zip(self.places.map(f64::from));
         let places = places.filter_map(|((name, is_there), at)| is_there.then_some((name, at)));

@@ -44,6 +44,8 @@ fn extension_sets() -> impl Iterator<Item = ExtensionSet> {
         let bit = |at: u32| bits >> at & 1 == 1;
         // A volume is one that transmits light, and one that disperses it has a volume.
         let glass = bits >> 3 & 3;
+        // With others of every kind, as its parity is theirs.
+        let diffuse_transmission = bits.count_ones() % 2 == 1;
         let (transmission, volume, dispersion) = (glass > 0, glass > 1, glass > 2);
         let (clearcoat, sheen, iridescence) = (bit(1), bit(2), bit(6));
         // Iridescence changes what index of refraction and specular say.
@@ -57,6 +59,7 @@ fn extension_sets() -> impl Iterator<Item = ExtensionSet> {
             dispersion,
             anisotropy: bit(5),
             iridescence,
+            diffuse_transmission,
         }
     })
 }
@@ -198,7 +201,8 @@ fn uniforms_match_their_twins() {
         transmission,
         absorption,
         anisotropy,
-        film
+        film,
+        through
     );
     twin!("Region", RegionRecord, corner, place, size, scale, reach);
     twin!("Behind", BehindUniform, sharp, wide, pixels, pixels_per_radian, detail_max, bounds);

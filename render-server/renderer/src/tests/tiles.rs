@@ -1,7 +1,10 @@
 //! A wall's tiles against the picture of one camera, as tabled in the design of walls.
 
-use glam::{Affine2, DAffine3, DVec3, Vec3};
-use polyptych_scene::{AlphaMode, Material, TextureRef};
+use glam::{Affine2, DAffine3, DQuat, DVec3, Vec3};
+use polyptych_scene::{
+    AlphaMode, Anisotropy, DiffuseTransmission, Iridescence, Light, LightKind, Material,
+    MaterialExtensions, TextureRef,
+};
 
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, look, matt, pixel,
@@ -57,27 +60,79 @@ fn view(place: DVec3) -> ViewDesc {
     look(place + DVec3::new(0.3, 0.6, 1.5), place + DVec3::new(0.0, 0.0, -3.0), CANVAS)
 }
 
+/// Brushed, iridescent and translucent balls over a floor, lit from before and behind.
+fn extended_scene() -> GpuScene {
+    let mut stage = SceneFixture::new();
+    let normals = stage.checkers(64, false);
+    let normals = TextureRef { texture: normals, uv_set: 0, uv_transform: Affine2::IDENTITY };
+    let brushed = MaterialExtensions {
+        anisotropy: Some(Anisotropy { strength: 0.8, rotation_rad: 0.4, texture: None }),
+        ..MaterialExtensions::default()
+    };
+    let filmy = MaterialExtensions {
+        iridescence: Some(Iridescence { factor: 1.0, ior: 1.6, ..Iridescence::default() }),
+        ..MaterialExtensions::default()
+    };
+    let translucent = MaterialExtensions {
+        diffuse_transmission: Some(DiffuseTransmission {
+            factor: 0.7,
+            color: Vec3::new(0.9, 0.6, 0.2),
+            ..DiffuseTransmission::default()
+        }),
+        ..MaterialExtensions::default()
+    };
+    for (x, of, metallic) in [(-1.0, brushed, 1.0), (0.0, filmy, 0.5), (1.0, translucent, 0.0)] {
+        let material = stage.material(Material {
+            normal_texture: Some(normals),
+            normal_scale: 0.3,
+            roughness: 0.4,
+            metallic,
+            extensions: Some(Box::new(of)),
+            ..matt(0.9, 0.8, 0.7)
+        });
+        let ball = stage.mesh(&MeshFixture::sphere(24), Some(material));
+        stage.node(ball, DAffine3::from_translation(DVec3::new(x * 2.2, 0.0, -3.0)));
+    }
+    let floor = stage.material(matt(0.5, 0.5, 0.5));
+    let floor = stage.mesh(&MeshFixture::rectangle(60.0, 60.0), Some(floor));
+    let flat = DAffine3::from_rotation_x(-std::f64::consts::FRAC_PI_2);
+    stage.node(floor, DAffine3::from_translation(-DVec3::Y) * flat);
+    for (toward, intensity) in
+        [(DVec3::new(0.4, 0.7, 0.6), 2.0), (DVec3::new(-0.3, 0.5, -0.8), 2.0)]
+    {
+        let kind = LightKind::Directional;
+        let light = Light { kind, color: Vec3::ONE, intensity, range: None };
+        let along = DQuat::from_rotation_arc(DVec3::NEG_Z, -toward.normalize());
+        stage.light(light, DAffine3::from_quat(along));
+    }
+    stage.build()
+}
+
 fn check_tiles(alpha_mode: AlphaMode, samples: u32) {
-    let place = DVec3::ZERO;
-    let (scene, view) = (scene(place, alpha_mode), view(place));
-    let whole = draw_sampled(&scene, CANVAS, samples, std::slice::from_ref(&view)).0;
+    let name = format!("{alpha_mode:?}");
+    check_tiles_of(&scene(DVec3::ZERO, alpha_mode), &name, samples);
+}
+
+fn check_tiles_of(scene: &GpuScene, name: &str, samples: u32) {
+    let view = view(DVec3::ZERO);
+    let whole = draw_sampled(scene, CANVAS, samples, std::slice::from_ref(&view)).0;
     let mut total = [0; 3];
     for [x, y] in tiles() {
         let shifted = ViewDesc {
             viewport: [-f64::from(x), -f64::from(y), f64::from(CANVAS[0]), f64::from(CANVAS[1])],
             ..view.clone()
         };
-        let tile = draw_sampled(&scene, TILE, samples, &[shifted]).0;
+        let tile = draw_sampled(scene, TILE, samples, &[shifted]).0;
         for (sum, count) in total.iter_mut().zip(differences(&tile, &crop(&whole, [x, y]))) {
             *sum += count;
         }
         let oracle = ViewDesc { scissor: Some([x, y, TILE[0], TILE[1]]), ..view.clone() };
-        let oracle = draw_sampled(&scene, CANVAS, samples, &[oracle]).0;
+        let oracle = draw_sampled(scene, CANVAS, samples, &[oracle]).0;
         let counts = differences(&crop(&oracle, [x, y]), &crop(&whole, [x, y]));
         assert_eq!(counts, [0; 3], "the scissor oracle differs at {x}, {y}");
     }
     let pixels = whole.len();
-    println!("{alpha_mode:?} ×{samples}: {total:?} of {pixels}");
+    println!("{name} ×{samples}: {total:?} of {pixels}");
     assert!(total[0] * 200 <= pixels, "{} of {pixels} differ: more than 0.5 %", total[0]);
     assert!(total[1] * 10_000 <= pixels, "{} of {pixels} differ by more than 1", total[1]);
 }
@@ -96,6 +151,12 @@ fn shifted_viewports_agree_where_the_scene_blends() {
 fn shifted_viewports_agree_with_four_samples() {
     check_tiles(AlphaMode::Opaque, 4);
     check_tiles(AlphaMode::Blend, 4);
+}
+
+#[test]
+fn shifted_viewports_agree_where_materials_have_extensions() {
+    check_tiles_of(&extended_scene(), "extended", 1);
+    check_tiles_of(&extended_scene(), "extended", 4);
 }
 
 #[test]

@@ -334,3 +334,30 @@ fn iridescence_is_read_and_brought_to_its_range() {
         assert!(baked.warnings.is_empty(), "{name}: {:?}", baked.warnings);
     }
 }
+
+#[test]
+fn diffuse_transmission_is_read_and_brought_to_its_range() {
+    for (read, wanted) in [
+        (json!({}), None),
+        (json!({ "diffuseTransmissionColorFactor": [1, 0, 0] }), None),
+        (json!({ "diffuseTransmissionFactor": -1 }), None),
+        (json!({ "diffuseTransmissionFactor": 0.25 }), Some((0.25, Vec3::ONE))),
+        (
+            json!({ "diffuseTransmissionFactor": 1e39,
+                "diffuseTransmissionColorFactor": [0.5, -1, 7] }),
+            Some((1.0, Vec3::new(0.5, 0.0, 1.0))),
+        ),
+    ] {
+        let name = read.to_string();
+        let extensions = json!({ "KHR_materials_diffuse_transmission": read,
+            "KHR_materials_volume": { "thicknessFactor": 2 } });
+        let (_place, baked, scene) = bake_builder(&quad(&json!({ "extensions": extensions })));
+        let made = scene.materials[0].extensions.clone();
+        let got = made.and_then(|of| {
+            assert_eq!(of.volume.map(|of| of.thickness), Some(2.0), "{name}");
+            of.diffuse_transmission.map(|of| (of.factor, of.color))
+        });
+        assert_eq!(got, wanted, "{name}");
+        assert!(baked.warnings.is_empty(), "{name}: {:?}", baked.warnings);
+    }
+}
