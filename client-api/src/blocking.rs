@@ -51,6 +51,7 @@ use crate::error::ClientError;
 use crate::feedback::FeedbackStream as AsyncFeedbacks;
 use crate::image::Capture;
 use crate::pending::Pending as AsyncPending;
+use crate::scene_file::SceneFile;
 
 /// A connection with a wall's manager, as [`crate::Client`]; clones share it.
 ///
@@ -185,8 +186,8 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn open_scene(&self, path: impl Into<String>) -> Result<SceneSummary, ClientError> {
-        wait(self.inner.open_scene(path))
+    pub fn open_scene(&self, file: impl Into<SceneFile>) -> Result<SceneSummary, ClientError> {
+        wait(self.inner.open_scene(file))
     }
 
     /// Blocking version of [`crate::Client::open_scene_with`]: `on_progress` is called on the
@@ -196,10 +197,10 @@ impl Client {
     /// [`ClientError`].
     pub fn open_scene_with(
         &self,
-        path: impl Into<String>,
+        file: impl Into<SceneFile>,
         on_progress: impl FnMut(OpenProgress),
     ) -> Result<SceneSummary, ClientError> {
-        wait(self.inner.open_scene_with(path, on_progress))
+        wait(self.inner.open_scene_with(file, on_progress))
     }
 
     /// Blocking version of [`crate::Client::close_scene`].

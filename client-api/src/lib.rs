@@ -55,6 +55,7 @@ mod pending;
 mod reconnect;
 mod saved_scenes;
 mod scene;
+mod scene_file;
 mod scene_space;
 mod tours;
 mod variants;
@@ -73,6 +74,7 @@ pub use labels::{LABEL_BYTES_MAX, LABEL_KEY};
 pub use mesh_data::MeshData;
 pub use pending::Pending;
 pub use reconnect::ReconnectPolicy;
+pub use scene_file::SceneFile;
 
 pub use glam;
 pub use polyptych_protocol::clip::{ClipAction, ClipChange, ClipStatus, ClipSummary};

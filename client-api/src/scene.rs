@@ -17,6 +17,7 @@ use tokio::sync::watch;
 use crate::client::Client;
 use crate::connection_handle::Wanted;
 use crate::error::{ClientError, wrong_answer};
+use crate::scene_file::SceneFile;
 
 /// How often a scene that is edited meanwhile is read anew from its first node.
 const READ_TRIES: u32 = 8;
@@ -25,13 +26,17 @@ impl Client {
     /// Shows a scene; returns once every live channel can draw it. The wall's exposure becomes
     /// the one that suits the scene ([`SceneSummary::exposure`]).
     ///
-    /// `path` names a file in one of the manager's scene folders, absolute or relative to one of
-    /// them, on the manager's machine.
+    /// `file` is a path, absolute or relative to one of the manager's scene folders, in one of
+    /// which it leads to a file on the manager's machine; [`SceneFile::scene`] chooses a scene of a
+    /// file that has several.
     ///
     /// # Errors
     /// [`ClientError`]; where the scene can't be opened, the wall shows what it showed before.
-    pub async fn open_scene(&self, path: impl Into<String>) -> Result<SceneSummary, ClientError> {
-        self.open_scene_with(path, |_| {}).await
+    pub async fn open_scene(
+        &self,
+        file: impl Into<SceneFile>,
+    ) -> Result<SceneSummary, ClientError> {
+        self.open_scene_with(file, |_| {}).await
     }
 
     /// As [`Client::open_scene`], and calls `on_progress` whenever the manager says how far it has
@@ -45,12 +50,13 @@ impl Client {
     /// As of [`Client::open_scene`].
     pub async fn open_scene_with(
         &self,
-        path: impl Into<String>,
+        file: impl Into<SceneFile>,
         mut on_progress: impl FnMut(OpenProgress),
     ) -> Result<SceneSummary, ClientError> {
         let (sender, mut progress) = watch::channel(OpenProgress::NONE);
         let wanted = Wanted { progress: Some(sender), ..Wanted::default() };
-        let request = Request::OpenScene { path: path.into() };
+        let SceneFile { path, scene } = file.into();
+        let request = Request::OpenScene { path, scene };
         let mut pending = self.link.post(request, wanted)?;
         let reply = loop {
             tokio::select! {

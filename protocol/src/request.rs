@@ -61,6 +61,10 @@ pub enum Request {
         /// A file in one of the manager's scene folders, absolute or relative to one of them; or
         /// `saved:NAME` for one that was saved.
         path: String,
+        /// The scene of a file that has several, by its name, or by its number from 0 on if none
+        /// has that name; where not given, the one that the file names, or its first. A scene that
+        /// was saved has no others.
+        scene: Option<String>,
     },
     /// Shows none.
     CloseScene,

@@ -84,30 +84,34 @@ pub fn resolve(path: &str, roots: &[PathBuf]) -> Result<PathBuf, String> {
     })
 }
 
-/// Bakes a file and reads what came of it.
+/// Bakes a scene of a file, or the one that the file names, and reads what came of it.
 ///
 /// `tell` is given the percentage of the bake that is done, at least every [`SILENCE_MAX`].
 pub(crate) async fn import(
-    path: &str,
+    (path, scene): (&str, Option<&str>),
     roots: &[PathBuf],
     baker: &Baker,
     tell: impl Fn(u8),
 ) -> Result<Import, String> {
     let file = resolve(path, roots)?;
     tell(0);
-    let hash = bake_scene(&file, baker, tell).await?;
+    let hash = bake_scene(&file, scene, baker, tell).await?;
     let folder = BlobStore::new(baker.store.join("blobs"));
     let read = tokio::task::spawn_blocking(move || read_manifest(&folder, hash)).await;
     read.map_err(|error| error.to_string())?.map_err(|reason| format!("{path}: {reason}"))
 }
 
-/// Bakes a scene; gives the hash of its manifest.
+/// Bakes a scene of a file, or the one that the file names; gives the hash of its manifest.
 pub(crate) async fn bake_scene(
     file: &Path,
+    scene: Option<&str>,
     baker: &Baker,
     tell: impl Fn(u8),
 ) -> Result<BlobHash, String> {
-    let baked = bake(file, baker, &["--progress"], tell).await?;
+    // One argument, as a name may begin with a hyphen.
+    let scene = scene.map(|scene| format!("--scene={scene}"));
+    let options: Vec<&str> = std::iter::once("--progress").chain(scene.as_deref()).collect();
+    let baked = bake(file, baker, &options, tell).await?;
     let hash = baked.pointer("/manifest").and_then(|hash| hash.as_str());
     let hash = hash.and_then(BlobHash::from_hex);
     hash.ok_or_else(|| format!("{}: the baker named no manifest", file.display()))

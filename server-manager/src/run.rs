@@ -444,7 +444,7 @@ impl EventLoop {
                     }
                 }
                 Effect::Answer { to, answer } => self.answer(to, answer),
-                Effect::Import { job, path } => self.import(job, path),
+                Effect::Import { job, path, scene } => self.import(job, path, scene),
                 Effect::Collect { job, frame, channels, missing } => {
                     self.begin_collection(job, frame, &channels, missing);
                 }

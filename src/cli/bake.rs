@@ -10,7 +10,7 @@ use glam::DVec3;
 use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_baker::environment::{EnvironmentSource, SUN_DEFAULT, bake_environment};
 use polyptych_baker::map::{MapUse, bake_map};
-use polyptych_baker::{BakeCache, Baked, Progress, bake};
+use polyptych_baker::{BakeCache, Baked, Progress, bake_scene};
 use polyptych_files::blob::StoreUrl;
 use polyptych_object_store::Uploaded;
 use polyptych_text::counted;
@@ -39,6 +39,10 @@ pub(super) struct Arguments {
     /// The folder to write to; bakes of several files can share one
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
+    /// The scene of a file that has several, by its name or its number from 0 on [default: the one
+    /// that the file names, or its first]
+    #[arg(long, value_name = "NAME", conflicts_with = "used_as")]
+    scene: Option<String>,
     /// The file is not a scene, but one that a wall file names
     #[arg(long = "as", value_name = "USE")]
     used_as: Option<Use>,
@@ -115,7 +119,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bar.set_length(progress.total);
         bar.set_position(progress.done);
     };
-    let baked = bake(&arguments.file, &store, &mut progress, &cancel);
+    let scene = arguments.scene.as_deref();
+    let baked = bake_scene(&arguments.file, scene, &store, &mut progress, &cancel);
     bar.finish_and_clear();
     let baked = baked?;
     if let Some(first) = baked.warnings.first().filter(|_| arguments.strict) {

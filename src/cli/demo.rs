@@ -46,6 +46,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let simulation = simulate::Arguments {
         wall: path.to_owned(),
         scene: None,
+        scene_name: None,
         frames: None,
         seconds: arguments.seconds.or((!windows).then_some(LENGTH_UNSEEN)),
         rate: windows.then_some(RATE_SEEN),

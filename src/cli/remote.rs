@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::bail;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::DVec3;
-use polyptych_client::{ClientError, SceneSummary, fit_bounds};
+use polyptych_client::{ClientError, SceneFile, SceneSummary, fit_bounds};
 use polyptych_text::{counted, printable};
 
 use super::progress::ProgressReport;
@@ -19,6 +19,10 @@ use crate::{image_files, outputs};
 pub(super) struct OpenArguments {
     /// A .gltf or .glb file in one of the manager's scene folders
     file: String,
+    /// The scene of a file that has several, by its name or its number from 0 on [default: the one
+    /// that the file names, or its first]
+    #[arg(long, value_name = "NAME")]
+    scene: Option<String>,
     /// Leave the camera where it is, instead of placing it so that the whole scene is seen
     #[arg(long)]
     keep_camera: bool,
@@ -47,7 +51,7 @@ pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     let path = path_from_here(&arguments.file);
     let progress = ProgressReport::start();
-    let scene = open_scene(&client, &path, &progress)?;
+    let scene = open_scene(&client, (&path, arguments.scene.as_deref()), &progress)?;
     if !arguments.keep_camera
         && let Some(bounds) = &scene.bounds
     {
@@ -67,17 +71,21 @@ pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<ExitCode> {
     Ok(seen.conclude())
 }
 
-/// Opens a scene, and says how far it has come.
+/// Opens a file, or the scene of it that is named, and says how far it has come.
 pub(super) fn open_scene(
     client: &Client,
-    path: &str,
+    (path, scene): (&str, Option<&str>),
     progress: &ProgressReport,
 ) -> Result<SceneSummary, ClientError> {
     let stem = Path::new(path).file_stem().map(|stem| stem.to_string_lossy().into_owned());
     let stem = stem.unwrap_or_default();
     let name = printable(&stem);
     progress.say(&format!("opening {name}"), None);
-    client.open_scene_with(path, |come| {
+    let mut file = SceneFile::from(path);
+    if let Some(scene) = scene {
+        file = file.scene(scene);
+    }
+    client.open_scene_with(file, |come| {
         progress.say(&format!("opening {name}: {come}"), Some(come.percent));
     })
 }

@@ -47,6 +47,10 @@ pub(super) struct Arguments {
     pub wall: PathBuf,
     /// The .gltf or .glb file to show; without one, the generated town
     pub scene: Option<PathBuf>,
+    /// The scene of a file that has several, by its name or its number from 0 on [default: the one
+    /// that the file names, or its first]
+    #[arg(long = "scene", value_name = "NAME", requires = "scene")]
+    pub scene_name: Option<String>,
     /// How many frames to draw [default: 60; with --windows, until a window is closed]
     #[arg(long, conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
     pub frames: Option<u64>,
@@ -209,7 +213,8 @@ fn drive(
 ) -> anyhow::Result<ExitCode> {
     let client = &local.client;
     let path = shown.file.display().to_string();
-    let summary = open_scene(client, &path, &ProgressReport::start())?;
+    let summary =
+        open_scene(client, (&path, arguments.scene_name.as_deref()), &ProgressReport::start())?;
     let features = summary.features.names().join(", ");
     say(format_args!(
         "scene {}: {}; needs: {features}",

@@ -198,7 +198,7 @@ fn many_clients_that_do_not_read_hold_little_memory() {
     let client = local.client();
     client.start_rendering(Pacing::Rate(RATE)).expect("running");
     await_states(&client, &[ChannelState::Live]);
-    let long = Request::OpenScene { path: "x".repeat(4000) };
+    let long = Request::OpenScene { path: "x".repeat(4000), scene: None };
     let mut held = Vec::new();
     for index in 0..HOSTILE_CLIENTS {
         let mut deaf = connect(&local, &format!("deaf-{index}"));

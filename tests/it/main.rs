@@ -40,6 +40,7 @@
 //! - `tuning`: test patterns and adjustments of the running wall, which are kept and saved
 //! - `tours`: the camera moves by itself, and films of it lose no frame
 //! - `animations`: what moves is the same on all displays at every time, and is played by request
+//! - `scene_choice`: a scene of a file that has several is chosen, and kept
 //! - `scene_export`: scenes leave a wall as files, and come back as they were
 //! - `layers`: layers, switches and views with a part of the scene of their own
 //! - `styles`: wireframes, highlights, what turns towards the viewer, and labels
@@ -93,6 +94,7 @@ mod report;
 mod restarts;
 mod resumed_transfers;
 mod saved_scenes;
+mod scene_choice;
 mod scene_commands;
 mod scene_export;
 mod scheduled_swap;

@@ -20,7 +20,7 @@ fn scene() -> Gltf {
 /// That these lines say both things that are not drawn, and move no cursor.
 #[track_caller]
 fn check_notes(notes: &[String]) {
-    for part in ["scenes: 1, not shown", "ACME_shimmer\\u{1b}[2J"] {
+    for part in ["2 scenes: 0, 1; this is 0", "ACME_shimmer\\u{1b}[2J"] {
         assert!(notes.iter().any(|note| note.contains(part)), "{part}: {notes:?}");
     }
     assert!(!notes.iter().any(|note| note.contains('\u{1b}')), "{notes:?}");
@@ -48,7 +48,7 @@ fn notes_reach_open_status_log_and_client_and_outlive_a_manager() {
         check_notes(&client.open_scene("shimmer.glb").expect("opened").notes);
     }
     check_notes(&client.status().expect("a status").notes);
-    local.manager.await_line(&["WARN", "scenes: 1"]);
+    local.manager.await_line(&["WARN", "2 scenes: 0, 1"]);
     check_notes(&noted(&local.run(&["open", "shimmer.glb"]).output));
     local.manager.kill();
     let LocalWall { place, address, .. } = local;

@@ -21,7 +21,7 @@ fn wall() -> LocalWall {
 }
 
 fn open(path: &str) -> Request {
-    Request::OpenScene { path: path.into() }
+    Request::OpenScene { path: path.into(), scene: None }
 }
 
 fn rename(name: &str) -> Request {

@@ -116,7 +116,7 @@ fn a_wall_beyond_all_measure_is_refused() {
 fn a_client_opens_a_few_scenes_at_a_time() {
     for same in [false, true] {
         let open = |receiver: &mut Receiver, id: u64| {
-            let request = Request::OpenScene { path: "town.glb".into() };
+            let request = Request::OpenScene { path: "town.glb".into(), scene: None };
             let id = RequestId(if same { 7 } else { id });
             receiver.take(Message::Call(RequestMessage::new(id, request)), 1);
             receiver.imports_held()

@@ -156,7 +156,7 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
     client.stop().await.expect("stopped");
     drop(client);
     let expected = [
-        Request::OpenScene { path: path() },
+        Request::OpenScene { path: path(), scene: None },
         Request::CloseScene,
         Request::SetCamera(camera),
         Request::SetCamera(looking),
@@ -325,7 +325,7 @@ async fn progress_of_an_opening_is_heard_and_gives_it_its_time_again() {
     options.timeouts.open_scene = Duration::from_secs(10);
     let (client, mut manager) = crate::manager::pair_with(1 << 16, options).await;
     let script = async {
-        let id = manager.expect(Request::OpenScene { path: "a.glb".into() }).await;
+        let id = manager.expect(Request::OpenScene { path: "a.glb".into(), scene: None }).await;
         for percent in [10, 50, 90] {
             tokio::time::advance(Duration::from_secs(8)).await;
             let progress = OpenProgress { stage: OpenStage::Baking, percent };

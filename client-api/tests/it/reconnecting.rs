@@ -87,14 +87,16 @@ async fn a_scene_that_was_being_opened_is_asked_for_over_the_next_connection() {
     let (scene, manager) = tokio::join!(
         client.open_scene_with("a.glb", |progress| heard.push(progress.percent)),
         async {
-            manager.expect(Request::OpenScene { path: "a.glb".into() }).await;
+            manager.expect(Request::OpenScene { path: "a.glb".into(), scene: None }).await;
             drop(manager);
             // Lost again, before there was an answer.
             drop(asked_for_outcome(&listener, 1).await);
             let (mut manager, id) = asked_for_outcome(&listener, 1).await;
             let progress = OpenProgress { stage: OpenStage::Baking, percent: 40 };
             manager.send(MessageToClient::Progress { id, progress }).await;
-            manager.reply(id, answer(&Request::OpenScene { path: "a.glb".into() })).await;
+            manager
+                .reply(id, answer(&Request::OpenScene { path: "a.glb".into(), scene: None }))
+                .await;
             manager
         }
     );

@@ -136,7 +136,10 @@ fn golden() -> Vec<(Bytes, &'static str)> {
     let mut moving = Transaction::based_on(Revision(3));
     moving.set_transform(NodeId(300), DAffine3::IDENTITY);
     let edit = RequestMessage::new(RequestId(6), Request::Edit(moving));
-    let open = RequestMessage::new(RequestId(6), Request::OpenScene { path: "a.glb".into() });
+    let open = RequestMessage::new(
+        RequestId(6),
+        Request::OpenScene { path: "a.glb".into(), scene: Some("night".into()) },
+    );
     let head =
         RequestMessage::new(RequestId(8), Request::SetHead(frame().presentation.head.into()));
     let plan = View {

@@ -111,6 +111,7 @@ pub(super) type JsonLight = json::extensions::scene::khr_lights_punctual::Light;
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Scene {
+    pub name: String,
     pub nodes: Vec<u32>,
 }
 

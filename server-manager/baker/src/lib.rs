@@ -44,6 +44,7 @@ mod numbers;
 mod piece;
 mod placeholder;
 mod pose;
+mod scene_choice;
 mod shared_borders;
 mod source;
 mod specular_glossiness;
@@ -73,6 +74,7 @@ pub use error::BakeError;
 use levels::LevelFacts;
 use material::Palette;
 use notes::Notes;
+use scene_choice::SceneChoice;
 use shared_borders::SharedBorders;
 use source::GltfSource;
 use variants::ReplacedMaterials;
@@ -180,11 +182,27 @@ pub fn bake(
     progress: &mut dyn FnMut(Progress),
     cancel: &AtomicBool,
 ) -> Result<Baked, BakeError> {
-    bake_file(source, store, progress, cancel).map_err(|error| error.about(source))
+    bake_scene(source, None, store, progress, cancel)
+}
+
+/// Bakes one scene of a file, by its name, or by its number from 0 on if none has that name. `None`
+/// is the scene that the file names, or else its first.
+///
+/// # Errors
+/// As of [`bake`]; a scene that is not there, with those that are.
+pub fn bake_scene(
+    source: &Path,
+    scene: Option<&str>,
+    store: &BakeCache,
+    progress: &mut dyn FnMut(Progress),
+    cancel: &AtomicBool,
+) -> Result<Baked, BakeError> {
+    bake_file(source, scene, store, progress, cancel).map_err(|error| error.about(source))
 }
 
 fn bake_file(
     path: &Path,
+    scene: Option<&str>,
     store: &BakeCache,
     progress: &mut dyn FnMut(Progress),
     cancel: &AtomicBool,
@@ -192,23 +210,29 @@ fn bake_file(
     progress(Progress { stage: "reading", done: 0, total: 1 });
     let mut source = GltfSource::open(path, cancel)?;
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let key = key(&source, &name);
+    let choice = SceneChoice::of(&source.document, scene)?;
+    let key = key(&source, &name, choice);
     if let Some(baked) = store.find(key) {
         return Ok(baked);
     }
     source.unpack(cancel)?;
-    let mut job = BakeJob::new(&source, store.blobs(), progress, cancel);
+    let mut job = BakeJob::new(&source, choice, store.blobs(), progress, cancel);
     let scene = job.scene(name)?;
     let baked = job.finish(&scene)?;
     store.record(key, &baked)?;
     Ok(baked)
 }
 
-fn key(source: &GltfSource, name: &str) -> BlobHash {
+fn key(source: &GltfSource, name: &str, choice: SceneChoice) -> BlobHash {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&BAKER_VERSION.to_le_bytes());
     hasher.update(&source.digest.0);
     hasher.update(name.as_bytes());
+    if let Some(scene) = choice.key(&source.document) {
+        // No name of a file has this character.
+        hasher.update(b"\0");
+        hasher.update(&scene.to_le_bytes());
+    }
     BlobHash(*hasher.finalize().as_bytes())
 }
 
@@ -220,6 +244,7 @@ fn check(cancel: &AtomicBool) -> Result<(), BakeError> {
 /// One bake under way.
 struct BakeJob<'a> {
     source: &'a GltfSource,
+    choice: SceneChoice,
     blobs: &'a BlobStore,
     progress: &'a mut dyn FnMut(Progress),
     cancel: &'a AtomicBool,
@@ -233,13 +258,14 @@ struct BakeJob<'a> {
 impl<'a> BakeJob<'a> {
     fn new(
         source: &'a GltfSource,
+        choice: SceneChoice,
         blobs: &'a BlobStore,
         progress: &'a mut dyn FnMut(Progress),
         cancel: &'a AtomicBool,
     ) -> Self {
         let (notes, left_out, written) = (Notes::default(), None, BTreeMap::new());
         let levels = LevelFacts::default();
-        Self { source, blobs, progress, cancel, notes, left_out, written, levels }
+        Self { source, choice, blobs, progress, cancel, notes, left_out, written, levels }
     }
 }
 
@@ -347,12 +373,12 @@ impl BakeJob<'_> {
         for note in document.extension_uses.notes(&document.extensions_used) {
             self.warn(&note);
         }
-        let counts = [
-            ("scenes", document.scenes.len().saturating_sub(1), "not shown beside the one that is"),
-            ("COLOR_1", document.further_colors(), "not drawn: a part has one set of colours"),
-        ];
-        for (what, count, why) in counts.into_iter().filter(|(_, count, _)| *count > 0) {
-            self.warn(&format!("{what}: {count}, {why}"));
+        if let Some(note) = self.choice.note(document) {
+            self.warn(&note);
+        }
+        let further = document.further_colors();
+        if further > 0 {
+            self.warn(&format!("COLOR_1: {further}, not drawn: a part has one set of colours"));
         }
     }
 

@@ -208,19 +208,15 @@ fn cycle(json: &[document::Node], parents: &[Option<u32>], index: u32) -> BakeEr
 }
 
 fn roots(job: &mut BakeJob<'_>, parents: &[Option<u32>]) -> Result<Vec<u32>, BakeError> {
-    let document = &job.source.document;
-    match (document.scene, document.scenes.first()) {
-        (Some(index), _) => Ok(document.scenes.at(index, "scene")?.nodes.clone()),
-        (None, Some(first)) => Ok(first.nodes.clone()),
-        (None, None) => {
-            let roots = (0u32..).zip(parents).filter(|(_, parent)| parent.is_none());
-            let roots: Vec<u32> = roots.map(|(index, _)| index).collect();
-            if !roots.is_empty() {
-                job.warn("scenes: there is none, so all nodes are shown");
-            }
-            Ok(roots)
-        }
+    if let Some(index) = job.choice.index {
+        return Ok(job.source.document.scenes.at(index, "scene")?.nodes.clone());
     }
+    let roots = (0u32..).zip(parents).filter(|(_, parent)| parent.is_none());
+    let roots: Vec<u32> = roots.map(|(index, _)| index).collect();
+    if !roots.is_empty() {
+        job.warn("scenes: there is none, so all nodes are shown");
+    }
+    Ok(roots)
 }
 
 fn convert(

@@ -12,6 +12,7 @@ mod materials;
 mod missing;
 mod numbers;
 mod pose;
+mod scene_choice;
 mod variants;
 
 use std::fs;
@@ -24,7 +25,7 @@ use glam::{DVec3, Vec3};
 use polyptych_scene::{IndexFormat, LightKind, Scene};
 use serde_json::json;
 
-use super::{BakeCache, BakeError, Baked, Progress, bake};
+use super::{BakeCache, BakeError, Baked, Progress, bake, bake_scene};
 
 /// A folder with a scene and a store.
 struct BakeFixture {

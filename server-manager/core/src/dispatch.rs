@@ -4,6 +4,7 @@ use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Pacing, Request, RequestError, Response};
 use polyptych_scene::Fog;
+use polyptych_scene::limits::NODE_NAME_BYTES_MAX;
 use polyptych_wall::limits::PATH_BYTES_MAX;
 use tracing::Level;
 
@@ -60,7 +61,7 @@ impl Cluster {
         request: Request,
     ) -> Result<Option<Response>, String> {
         match request {
-            Request::OpenScene { path } => return self.import(job, path),
+            Request::OpenScene { path, scene } => return self.import(job, path, scene),
             Request::OpenOutcome { session, of } => return self.claim_outcome(job, session, of),
             Request::CloseScene => {
                 self.request_change(now, StateChange::closing(job));
@@ -180,9 +181,19 @@ impl Cluster {
         None
     }
 
-    fn import(&mut self, job: ClientRequest, path: String) -> Result<Option<Response>, String> {
+    fn import(
+        &mut self,
+        job: ClientRequest,
+        path: String,
+        scene: Option<String>,
+    ) -> Result<Option<Response>, String> {
         if path.is_empty() || path.len() > PATH_BYTES_MAX {
             return Err(format!("a scene's path has 1 to {PATH_BYTES_MAX} bytes"));
+        }
+        if scene.as_ref().is_some_and(|scene| scene.len() > NODE_NAME_BYTES_MAX) {
+            return Err(format!(
+                "a scene's name has at most {NODE_NAME_BYTES_MAX} bytes; its number chooses it too"
+            ));
         }
         if self.imports.iter().filter(|of| of.job.client == job.client).count() >= IMPORTS_MAX {
             return Err(format!(
@@ -194,10 +205,10 @@ impl Cluster {
                 "{IMPORTS_OF_ALL_MAX} scenes are being opened already; ask again later"
             ));
         }
-        let scene = progress::name_of(&path);
+        let name = progress::name_of(&path);
         self.outcomes.begin(job);
-        self.imports.push(Importing { job, scene, progress: OpenProgress::NONE });
-        self.outputs.push_back(Effect::Import { job, path });
+        self.imports.push(Importing { job, scene: name, progress: OpenProgress::NONE });
+        self.outputs.push_back(Effect::Import { job, path, scene });
         Ok(None)
     }
 

@@ -116,6 +116,8 @@ pub enum Effect {
         job: ClientRequest,
         /// As the client gave it.
         path: String,
+        /// The scene of the file, as the client gave it.
+        scene: Option<String>,
     },
     /// Collect the pictures of a frame from these channels, stitch them and answer the client.
     Collect {

@@ -398,7 +398,7 @@ fn a_late_comer_gets_a_snapshot_and_nobody_waits_for_it() {
 fn a_scene_is_shown_when_all_live_channels_are_prepared() {
     let mut stage = ClusterFixture::new(2);
     let before = stage.cluster.shown.revision;
-    let id = stage.request(Request::OpenScene { path: "town.glb".into() });
+    let id = stage.request(Request::OpenScene { path: "town.glb".into(), scene: None });
     let job = stage.imports[0];
     let imported = ClusterFixture::imported();
     stage.cluster.handle_import(stage.now, job, Ok(imported));
@@ -461,7 +461,7 @@ fn a_server_that_owes_an_answer_is_sent_nothing_more() {
 #[test]
 fn what_cannot_be_imported_or_prepared_changes_nothing() {
     let mut stage = ClusterFixture::new(1);
-    stage.request(Request::OpenScene { path: "broken.glb".into() });
+    stage.request(Request::OpenScene { path: "broken.glb".into(), scene: None });
     let job = stage.imports[0];
     stage.cluster.handle_import(stage.now, job, Err("broken.glb: not glTF".into()));
     stage.read();
@@ -579,10 +579,11 @@ fn bad_requests_are_answered_with_what_would_be_right() {
     stage.request(Request::SetCamera(nan));
     stage.request(Request::Run(Pacing::Rate(f64::INFINITY)));
     stage.request(Request::SetExposure(-1.0));
-    stage.request(Request::OpenScene { path: String::new() });
+    stage.request(Request::OpenScene { path: String::new(), scene: None });
+    stage.request(Request::OpenScene { path: "a.glb".into(), scene: Some("a".repeat(257)) });
     stage.request(Request::SetHead(DVec3::new(0.0, 0.0, -5.0).into()));
     stage.request(Request::SetBounds(QualityBounds { error_px: -1.0, rate_fps: None }));
     stage.request(Request::SetBounds(QualityBounds { error_px: 1.0, rate_fps: Some(f64::NAN) }));
-    assert_eq!(stage.replies.len(), 7);
+    assert_eq!(stage.replies.len(), 8);
     assert!(stage.replies.iter().all(|(_, reply)| reply.is_err()), "{:?}", stage.replies);
 }

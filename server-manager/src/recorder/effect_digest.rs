@@ -93,7 +93,9 @@ fn describe(output: &Effect) -> (char, Vec<u8>) {
             ('a', [&head[..], &reply[..]].concat())
         }
         Effect::Answer { to, answer } => ('a', polyptych_codec::encode(&(to, answer)).to_vec()),
-        Effect::Import { job, path } => ('i', polyptych_codec::encode(&(job, path)).to_vec()),
+        Effect::Import { job, path, scene } => {
+            ('i', polyptych_codec::encode(&(job, path, scene)).to_vec())
+        }
         Effect::Collect { job, frame, channels, missing } => {
             ('p', polyptych_codec::encode(&(job, frame, channels, missing)).to_vec())
         }

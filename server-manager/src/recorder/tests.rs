@@ -164,7 +164,7 @@ impl RandomRun {
         match self.pick(200) {
             0 => self.join(),
             1..4 => self.ask(Request::RenderFrame { camera: None, time_s: Some(0.5) }),
-            4 => self.ask(Request::OpenScene { path: "town.glb".into() }),
+            4 => self.ask(Request::OpenScene { path: "town.glb".into(), scene: None }),
             5 => self.ask(Request::CloseScene),
             6 => self.ask(Request::SetExposure(-1.0)),
             7 if self.pick(4) == 0 => {

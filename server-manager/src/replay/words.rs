@@ -55,7 +55,10 @@ pub(super) fn of_input(input: &Input) -> String {
 pub(super) fn of_request(request: &Request) -> String {
     let name = request.name();
     match request {
-        Request::OpenScene { path } => format!("{name} {}", text(path)),
+        Request::OpenScene { path, scene: None } => format!("{name} {}", text(path)),
+        Request::OpenScene { path, scene: Some(scene) } => {
+            format!("{name} {} of {}", text(scene), text(path))
+        }
         Request::SetCamera(camera) => {
             let at = camera.position;
             format!("{name} to {:.3},{:.3},{:.3}", at.x, at.y, at.z)

@@ -152,7 +152,7 @@ impl EventLoop {
     }
 
     /// Bakes a scene, or finds that it was baked.
-    pub(super) fn import(&self, job: ClientRequest, path: String) {
+    pub(super) fn import(&self, job: ClientRequest, path: String, scene: Option<String>) {
         let roots = self.options.scene_roots.clone();
         let baker = self.options.baker.clone();
         let done = self.imported.0.clone();
@@ -167,8 +167,11 @@ impl EventLoop {
                 let _ = baking.try_send((job, progress));
             };
             let result = match path.strip_prefix(SAVED_PREFIX) {
+                Some(_) if scene.is_some() => Err(format!(
+                    "{path} is one scene, as it was saved; open it without the name of another"
+                )),
                 Some(name) => open_saved(saved, name.to_owned(), &baker).await,
-                None => import::import(&path, &roots, &baker, tell).await,
+                None => import::import((&path, scene.as_deref()), &roots, &baker, tell).await,
             };
             // The manager may have ended meanwhile.
             let _ = done.send(Imported { job, result }).await;

@@ -247,7 +247,7 @@ fn tour() -> Tour {
 
 fn calls() -> Vec<RequestMessage> {
     let requests = [
-        Request::OpenScene { path: "town.glb".into() },
+        Request::OpenScene { path: "town.glb".into(), scene: Some("night".into()) },
         Request::CloseScene,
         Request::SetCamera(camera()),
         Request::SetHead(DVec3::new(0.0, 0.1, 0.2).into()),

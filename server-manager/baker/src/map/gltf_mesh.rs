@@ -19,6 +19,7 @@ use polyptych_wall::warp::{
 use super::super::animation::ClipTargets;
 use super::super::error::BakeError;
 use super::super::pose::{Pose, Vertices};
+use super::super::scene_choice::SceneChoice;
 use super::super::source::GltfSource;
 use super::super::{BakeJob, document, geometry, node, topology};
 use super::foldover;
@@ -31,7 +32,8 @@ pub(super) fn read(
 ) -> Result<WarpMap, BakeError> {
     let source = GltfSource::open(path, cancel)?;
     let mut progress = |_| {};
-    let mut job = BakeJob::new(&source, blobs, &mut progress, cancel);
+    let choice = SceneChoice::of(&source.document, None)?;
+    let mut job = BakeJob::new(&source, choice, blobs, &mut progress, cancel);
     let node::Placed { nodes, meshes, .. } = node::read(&mut job, &ClipTargets::default())?;
     let scene = Scene { nodes, ..Scene::default() };
     let mut mesh = ImportedMesh { vertices: Vec::new(), triangles: Vec::new() };

@@ -23,7 +23,7 @@ fn stage() -> ClusterFixture {
 }
 
 fn open(stage: &mut ClusterFixture, imported: ImportedScene) {
-    stage.request(Request::OpenScene { path: "town.glb".into() });
+    stage.request(Request::OpenScene { path: "town.glb".into(), scene: None });
     let job = stage.imports.pop().expect("an import");
     stage.cluster.handle_import(stage.now, job, Ok(imported));
     stage.read();

@@ -39,7 +39,7 @@ impl ClusterFixture {
     }
 
     pub(super) fn open_house(&mut self) {
-        self.request(Request::OpenScene { path: "house.glb".into() });
+        self.request(Request::OpenScene { path: "house.glb".into(), scene: None });
         let job = self.imports.pop().expect("baked");
         let imported = ImportedScene { outline: outline(), ..Self::imported() };
         self.cluster.handle_import(self.now, job, Ok(imported));
@@ -212,7 +212,7 @@ fn numbers_and_edits_outlive_the_manager_and_end_with_the_scene() {
     stage.edit(transaction);
     stage.prepare_all();
     assert_eq!(stage.memories.last().expect("remembered").next_node, 6, "no number twice");
-    stage.request(Request::OpenScene { path: "house.glb".into() });
+    stage.request(Request::OpenScene { path: "house.glb".into(), scene: None });
     let job = stage.imports.pop().expect("baked");
     let imported = ImportedScene { outline: outline(), ..ClusterFixture::imported() };
     stage.cluster.handle_import(stage.now, job, Ok(imported));

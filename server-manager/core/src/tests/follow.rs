@@ -93,7 +93,7 @@ fn the_camera_moves_in_the_frame_that_moves_the_node_or_what_it_hangs_from() {
 #[test]
 fn the_camera_moves_with_a_node_that_a_clip_moves_at_the_time_of_the_frame() {
     let mut stage = ClusterFixture::new(2);
-    stage.request(Request::OpenScene { path: "house.glb".into() });
+    stage.request(Request::OpenScene { path: "house.glb".into(), scene: None });
     let job = stage.imports.pop().expect("baked");
     let slide = ClipSummary { name: "slide".into(), duration_s: 2.0, is_played: true };
     let mut imported = ImportedScene { outline: outline(), ..ClusterFixture::imported() };

@@ -12,7 +12,7 @@ fn imported(name: &str) -> ImportedScene {
 
 impl ClusterFixture {
     fn open(&mut self, name: &str) -> RequestId {
-        let id = self.request(Request::OpenScene { path: format!("{name}.glb") });
+        let id = self.request(Request::OpenScene { path: format!("{name}.glb"), scene: None });
         let job = self.imports.pop().expect("an import");
         self.cluster.handle_import(self.now, job, Ok(imported(name)));
         self.read();

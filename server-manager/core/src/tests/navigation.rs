@@ -13,7 +13,7 @@ fn turn(channel: &str) -> ServerMessage {
 /// A wall of two channels that shows a scene, before its camera.
 fn with_scene() -> ClusterFixture {
     let mut stage = ClusterFixture::new(2);
-    stage.request(Request::OpenScene { path: "town.glb".into() });
+    stage.request(Request::OpenScene { path: "town.glb".into(), scene: None });
     let job = stage.imports.pop().expect("an import");
     stage.cluster.handle_import(stage.now, job, Ok(ClusterFixture::imported()));
     stage.read();

@@ -25,7 +25,7 @@ impl ClusterFixture {
 #[test]
 fn a_client_and_the_status_are_told_each_step_of_an_opening() {
     let mut stage = ClusterFixture::new(4);
-    let id = stage.request(Request::OpenScene { path: "a/town.glb".into() });
+    let id = stage.request(Request::OpenScene { path: "a/town.glb".into(), scene: None });
     assert_eq!(stage.openings(), ["town: waiting for its turn"]);
     let job = stage.imports[0];
     stage.bake(job, 40);
@@ -54,7 +54,7 @@ fn a_client_and_the_status_are_told_each_step_of_an_opening() {
 fn a_client_that_is_back_hears_what_became_of_the_scene_that_it_opened() {
     for is_done in [false, true] {
         let mut stage = ClusterFixture::new(1);
-        let id = stage.request(Request::OpenScene { path: "town.glb".into() });
+        let id = stage.request(Request::OpenScene { path: "town.glb".into(), scene: None });
         let job = stage.imports[0];
         stage.cluster.handle_client_gone(stage.now, job.client);
         stage.bake(job, 40);
@@ -97,7 +97,7 @@ fn a_client_that_is_back_hears_what_became_of_the_scene_that_it_opened() {
 #[test]
 fn a_failed_bake_is_not_being_opened_any_more() {
     let mut stage = ClusterFixture::new(1);
-    stage.request(Request::OpenScene { path: "town.glb".into() });
+    stage.request(Request::OpenScene { path: "town.glb".into(), scene: None });
     let job = stage.imports[0];
     stage.cluster.handle_import(stage.now, job, Err("town.glb: not glTF".into()));
     stage.bake(job, 90);
@@ -108,7 +108,7 @@ fn a_failed_bake_is_not_being_opened_any_more() {
 fn notes_of_a_scene_stand_in_status_and_memory_until_another_is_shown() {
     let mut stage = ClusterFixture::new(1);
     let notes = vec!["animations: 1, not played".to_owned()];
-    stage.request(Request::OpenScene { path: "town.glb".into() });
+    stage.request(Request::OpenScene { path: "town.glb".into(), scene: None });
     let imported = ClusterFixture::imported();
     let ImportedScene { scene, mut summary, .. } = imported.clone();
     summary.notes.clone_from(&notes);

@@ -59,7 +59,7 @@ impl ClusterFixture {
     fn ask(&mut self, step: &Step) -> Option<RequestId> {
         let request = match step {
             Step::Order => Request::RenderFrame { camera: None, time_s: None },
-            Step::Open => Request::OpenScene { path: "a".into() },
+            Step::Open => Request::OpenScene { path: "a".into(), scene: None },
             Step::Close => Request::CloseScene,
             // A pin, with which no view of its own can be; or a gain, with which all can.
             Step::Tune(is_pin) => {

@@ -224,7 +224,7 @@ fn request(world: &mut Simulation, dice: &mut Rng) -> Check {
         38 => Request::SetExposure(dice.below(5) as f32),
         39..41 => Request::SetBounds(bounds(dice)),
         41..50 => {
-            let request = Request::OpenScene { path: "town.glb".into() };
+            let request = Request::OpenScene { path: "town.glb".into(), scene: None };
             let burst = if dice.is_hit(30) { dice.between(2, 80) } else { 1 };
             for _ in 1..burst {
                 world.ask(client, request.clone());
