@@ -396,8 +396,7 @@ impl Loader {
         let placed = Arc::new(placed);
         let motion = Motion::new(&base, &placed, &replica.edits).map(Arc::new);
         if let Some(motion) = &motion {
-            traits.moving = motion.movers().collect();
-            traits.may_mirror = motion.may_mirror();
+            motion.add_traits(&mut traits);
         }
         let (layout, held) = (self.layout(edited, &traits, line)?, before.map(|of| &*of.layout));
         let is_known = before.is_some_and(|before| before.added.keys().eq(added.keys()))

@@ -154,11 +154,8 @@ fn server(base: &Scene, moved: u64) -> Result<(), Failure> {
             let places = timed(&mut find, || placed.moved(base, &replica.edits));
             let places = places.ok_or("more than moves")?;
             let items = timed(&mut lay, || {
-                let nodes = places.iter().map(|place| MovedNode {
-                    node: place.index,
-                    world_from_node: place.world,
-                    instances: &[],
-                });
+                let nodes = places.iter();
+                let nodes = nodes.map(|place| MovedNode::new(place.index, place.world, &[]));
                 MovedItems::new(&layout, nodes)
             });
             assert_eq!(items.map(|items| items.len() as u64), Some(moved));

@@ -57,13 +57,28 @@ impl Moving {
             _ => "VEC3",
         };
         let (input, output) = (self.0.floats("SCALAR", times), self.0.floats(kind, values));
+        let target = json!({ "node": node, "path": path });
+        self.add(&target, json!({ "input": input, "output": output }));
+    }
+
+    /// A channel of the last clip that changes what a pointer names, from one value to the next.
+    fn pointer(&mut self, pointer: &str, kind: &str, times: &[f32], values: &[f32]) {
+        let (input, output) = (self.0.floats("SCALAR", times), self.0.floats(kind, values));
+        let is_switch = pointer.ends_with("/visible");
+        let interpolation = if is_switch { "STEP" } else { "LINEAR" };
+        let target = json!({ "path": "pointer",
+            "extensions": { "KHR_animation_pointer": { "pointer": pointer } } });
+        let sampler = json!({ "input": input, "output": output, "interpolation": interpolation });
+        self.add(&target, sampler);
+    }
+
+    fn add(&mut self, target: &Value, sampler: Value) {
         let clips = self.0.json["animations"].as_array_mut().expect("a list");
         let clip = clips.last_mut().expect("a clip");
         let samplers = clip["samplers"].as_array_mut().expect("a list");
-        samplers.push(json!({ "input": input, "output": output }));
+        samplers.push(sampler);
         let sampler = samplers.len() - 1;
         let channels = clip["channels"].as_array_mut().expect("a list");
-        let target = json!({ "node": node, "path": path });
         channels.push(json!({ "sampler": sampler, "target": target }));
     }
 
@@ -73,8 +88,8 @@ impl Moving {
     }
 }
 
-/// A strip that bows, a triangle that turns and grows a corner, and a lamp that goes to and fro,
-/// of 2 s; and a second motion of the strip.
+/// A strip that bows, a triangle that turns, grows a corner and is hidden at last, and a lamp that
+/// goes to and fro and fades while both begin to glow, of 2 s; and a second motion of the strip.
 fn scene() -> Gltf {
     let mut scene = Moving(Gltf::triangle());
     scene.0.json["animations"] = json!([]);
@@ -86,7 +101,7 @@ fn scene() -> Gltf {
     meshes[0]["primitives"][0]["targets"] = json!([{ "POSITION": raised }]);
     meshes[0]["primitives"][0]["material"] = json!(0);
     meshes.push(json!({ "primitives": [strip] }));
-    scene.0.json["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+    scene.0.json["extensionsUsed"] = json!(["KHR_lights_punctual", "KHR_animation_pointer"]);
     scene.0.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [
         { "type": "point", "intensity": 6 } ] } });
     scene.0.json["nodes"] = json!([
@@ -113,6 +128,16 @@ fn scene() -> Gltf {
     scene.channel(0, "rotation", &[0.0, 1.0, 2.0], &spin);
     scene.channel(0, "weights", &[0.0, 2.0], &[0.0, 1.0]);
     scene.channel(5, "translation", &[0.0, 2.0], &[-1.0, 0.8, 1.0, 1.0, 0.8, 1.0]);
+    scene.pointer(
+        "/materials/0/emissiveFactor",
+        "VEC3",
+        &[0.0, 2.0],
+        &[0.0, 0.0, 0.0, 0.2, 0.0, 0.4],
+    );
+    let lamp = "/extensions/KHR_lights_punctual/lights/0/intensity";
+    scene.pointer(lamp, "SCALAR", &[0.0, 2.0], &[6.0, 2.0]);
+    let triangle = "/nodes/0/extensions/KHR_node_visibility/visible";
+    scene.pointer(triangle, "SCALAR", &[0.0, 1.5], &[1.0, 0.0]);
     scene.clip("jump");
     scene.channel(
         3,

@@ -1,10 +1,13 @@
-//! Animations: transforms and weights of nodes as functions of time (glTF 2.0, 3.11).
+//! Animations: transforms and weights of nodes, and other properties, as functions of time
+//! (glTF 2.0, 3.11; `KHR_animation_pointer`).
 //!
 //! All is computed in f64 with sines of `libm`, which are the same on every machine: a pose is the
 //! same to the bit wherever it is made.
 
 use glam::{DAffine3, DQuat, DVec3, DVec4};
 use serde::{Deserialize, Serialize};
+
+use crate::AnimatedProperty;
 
 /// Maximum number of clips of a scene: libraries of motions have some hundreds.
 pub const CLIPS_MAX: usize = 4096;
@@ -16,6 +19,8 @@ pub struct Animations {
     pub clips: Vec<Clip>,
     /// The nodes that clips move, as they stand without; rising by node.
     pub nodes: Vec<AnimatedNode>,
+    /// What else clips change, as it is without.
+    pub properties: Vec<AnimatedProperty>,
 }
 
 /// A motion that is played as one.
@@ -42,12 +47,13 @@ pub struct AnimatedNode {
     pub weights: Vec<f64>,
 }
 
-/// One property of one node over time.
+/// One property over time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Channel {
-    /// An index into [`Animations::nodes`].
+    /// An index into [`Animations::nodes`]; of [`AnimatedPath::Property`] one into
+    /// [`Animations::properties`].
     pub target: u32,
-    /// Which property.
+    /// The property of a node, or another one.
     pub path: AnimatedPath,
     /// The way from one key to the next.
     pub interpolation: Interpolation,
@@ -57,7 +63,7 @@ pub struct Channel {
     pub values: Vec<f32>,
 }
 
-/// A property of a node that a clip changes.
+/// The kind of what a clip changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum AnimatedPath {
     /// In the space of its parent.
@@ -68,6 +74,8 @@ pub enum AnimatedPath {
     Scale,
     /// The weights of its morph targets.
     Weights,
+    /// A property that is no place or shape of a node.
+    Property,
 }
 
 /// The way from one key to the next.
@@ -106,12 +114,12 @@ pub struct NodePose {
 }
 
 impl AnimatedPath {
-    /// Numbers of one value; `weights` is the number of morph targets.
-    pub fn width(self, weights: usize) -> usize {
+    /// Numbers of one value; `count` is the number of morph targets, or that of the property.
+    pub fn width(self, count: usize) -> usize {
         match self {
             Self::Translation | Self::Scale => 3,
             Self::Rotation => 4,
-            Self::Weights => weights,
+            Self::Weights | Self::Property => count,
         }
     }
 }
@@ -131,10 +139,11 @@ impl Channel {
         self.values.len() / (self.times.len().max(1) * of_key)
     }
 
-    /// Returns what is wrong with it, if anything; `weights` is the number of morph targets.
-    fn fault(&self, weights: usize) -> Option<&'static str> {
+    /// Returns what is wrong with it, if anything; `count` is the number of morph targets, or that
+    /// of the property's numbers.
+    fn fault(&self, count: usize) -> Option<&'static str> {
         let of_key = if self.interpolation == Interpolation::CubicSpline { 3 } else { 1 };
-        let wanted = self.times.len().checked_mul(self.path.width(weights) * of_key);
+        let wanted = self.times.len().checked_mul(self.path.width(count) * of_key);
         if self.times.is_empty() || wanted != Some(self.values.len()) || self.values.is_empty() {
             return Some("as many values as its keys need would be right");
         }
@@ -276,6 +285,7 @@ impl NodePose {
             AnimatedPath::Scale => self.scale.to_array().to_vec(),
             AnimatedPath::Rotation => self.rotation.to_array().to_vec(),
             AnimatedPath::Weights => self.weights.clone(),
+            AnimatedPath::Property => Vec::new(),
         }
     }
 
@@ -309,7 +319,14 @@ impl Animations {
     /// The pose of every animated node where these clips are played, in the order of the nodes.
     /// Clips that are not there, and those without a part, move nothing.
     pub fn pose(&self, clips: &[ClipTime]) -> Vec<NodePose> {
+        self.at(clips).0
+    }
+
+    /// The pose of every animated node and the value of every other property where these clips are
+    /// played, in the order of the nodes and of the properties.
+    pub fn at(&self, clips: &[ClipTime]) -> (Vec<NodePose>, Vec<Vec<f64>>) {
         let mut poses: Vec<NodePose> = self.nodes.iter().map(NodePose::at_rest).collect();
+        let mut values: Vec<Vec<f64>> = self.properties.iter().map(|of| of.rest.clone()).collect();
         let mut blends: std::collections::BTreeMap<(u32, AnimatedPath), Blend> =
             std::collections::BTreeMap::new();
         let mut value = Vec::new();
@@ -322,11 +339,16 @@ impl Animations {
             }
         }
         for ((target, path), mut blend) in blends {
+            if path == AnimatedPath::Property {
+                let value = &mut values[target as usize];
+                *value = blend.finish(path, value).to_vec();
+                continue;
+            }
             let pose = &mut poses[target as usize];
             let rest = pose.numbers(path);
             pose.set(path, blend.finish(path, &rest));
         }
-        poses
+        (poses, values)
     }
 
     /// The clips that a scene plays by itself: each in order that moves nothing that one before it
@@ -362,6 +384,15 @@ impl Animations {
         }
         for (at, clip) in self.clips.iter().enumerate() {
             for channel in &clip.channels {
+                if channel.path == AnimatedPath::Property {
+                    let Some(target) = self.properties.get(channel.target as usize) else {
+                        return Some(format!("animation {at} changes what is not there"));
+                    };
+                    if let Some(right) = channel.fault(target.rest.len()) {
+                        return Some(format!("animation {at}, {:?}: {right}", target.kind));
+                    }
+                    continue;
+                }
                 let Some(target) = self.nodes.get(channel.target as usize) else {
                     return Some(format!("animation {at} moves a node that is not there"));
                 };

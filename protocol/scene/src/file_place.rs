@@ -49,8 +49,10 @@ impl Animations {
         };
         let mut all = Self { nodes: vec![self.nodes[at].clone()], ..Self::default() };
         for clip in &self.clips {
-            let moves =
-                |of: &&Channel| of.target as usize == at && of.path != AnimatedPath::Weights;
+            let moves = |of: &&Channel| {
+                let is_place = !matches!(of.path, AnimatedPath::Weights | AnimatedPath::Property);
+                of.target as usize == at && is_place
+            };
             let channels = clip.channels.iter().filter(moves);
             let channels = channels.map(|of| Channel { target: 0, ..of.clone() }).collect();
             all.clips.push(Clip { name: String::new(), channels });

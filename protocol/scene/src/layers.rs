@@ -3,12 +3,13 @@
 //! A node without a layer of its own is in that of its parent. Nodes that are in no layer are
 //! always shown.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
 use crate::limits::LAYERS_MAX;
-use crate::{Facing, Node, NodeEdits, NodeId, NodeStyle, SceneEdits};
+use crate::{Facing, Material, MaterialProperty, Node, NodeEdits, NodeId, NodeStyle, SceneEdits};
 
 /// The layers of an edited scene, by name.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -128,12 +129,32 @@ pub struct NodeTraits {
     pub moving: Vec<u32>,
     /// `true` where a clip may turn some of them inside out.
     pub may_mirror: bool,
+    /// Indices of the nodes with lights that clips may change, rising.
+    pub changing_lights: Vec<u32>,
+    /// The materials that clips may change, rising, with each of the properties.
+    pub changing_materials: Vec<(u32, MaterialProperty)>,
 }
 
 impl NodeTraits {
     /// Returns whether a clip may move a node.
     pub fn is_moving(&self, node: usize) -> bool {
         u32::try_from(node).is_ok_and(|node| self.moving.binary_search(&node).is_ok())
+    }
+
+    /// Returns whether clips may change the light of a node.
+    pub fn has_changing_light(&self, node: usize) -> bool {
+        u32::try_from(node).is_ok_and(|node| self.changing_lights.binary_search(&node).is_ok())
+    }
+
+    /// A material as one that asks of a renderer all that it may ask while clips change it.
+    pub fn with_changes<'a>(&self, index: u32, material: &'a Material) -> Cow<'a, Material> {
+        let first = self.changing_materials.partition_point(|(of, _)| *of < index);
+        let changes = self.changing_materials[first..].iter();
+        let mut material = Cow::Borrowed(material);
+        for (_, property) in changes.take_while(|(of, _)| *of == index) {
+            property.ask_for_most(material.to_mut());
+        }
+        material
     }
 
     /// The traits of a scene that was not edited: its nodes have their indices as numbers.

@@ -4,6 +4,7 @@
 //! scene; meshes and textures are further blobs, named in it by hash. Indices between its lists
 //! are checked once, by [`Scene::fault`], where a manifest comes in.
 
+mod animated_property;
 mod animation;
 pub mod deformation;
 mod edit;
@@ -36,6 +37,9 @@ mod variants;
 use glam::{DAffine3, DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
+pub use animated_property::{
+    AnimatedProperty, ChangedMaterial, LightProperty, MaterialProperty, PropertyKind,
+};
 pub use animation::{
     AnimatedNode, AnimatedPath, Animations, CLIPS_MAX, Channel, Clip, ClipTime, Interpolation,
 };
@@ -310,6 +314,9 @@ impl Scene {
     fn motion_fault(&self) -> Option<String> {
         if let Some(fault) = self.animations.fault(self.nodes.len()) {
             return Some(fault);
+        }
+        if let Some(at) = self.animations.properties.iter().position(|of| !of.is_sound(self)) {
+            return Some(format!("animated property {at} is of what is not there, or no number"));
         }
         let mut is_deformed = vec![false; self.meshes.len()];
         let animated = self.animations.nodes.len();

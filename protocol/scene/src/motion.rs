@@ -1,19 +1,23 @@
-//! All that clips move in a scene as it stands: nodes, and the vertices of meshes.
+//! All that clips move in a scene as it stands: nodes, the vertices of meshes, and looks.
 //!
 //! A node that was edited moves from where it was put: `edited · rest⁻¹ · animated`. Joints hang
 //! from each other as in the scene's file.
 
-use std::collections::BTreeMap;
+mod looks;
+
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 
-use crate::Scene;
+use crate::animated_property::ChangedMaterial;
 use crate::animation::{AnimatedPath, ClipTime, NodePose};
 use crate::deformation::{Deformation, Shape, Skin};
 use crate::edit::NodeId;
 use crate::placed_nodes::{MovedPlace, PlacedNodes};
 use crate::scene_edits::SceneEdits;
+use crate::{Light, NodeTraits, Scene};
+use looks::Looks;
 
 /// The moving parts of a scene with the edits of a moment.
 #[derive(Debug)]
@@ -25,6 +29,7 @@ pub struct Motion {
     movers: Vec<Mover>,
     /// One for each of the scene's deformations that has a skin.
     skeletons: Vec<Option<Skeleton>>,
+    looks: Looks,
 }
 
 /// A node that may move.
@@ -36,6 +41,8 @@ struct Mover {
     above: Above,
     local: DAffine3,
     moves: Moves,
+    /// The light of the file that it has, if clips change that.
+    light: Option<u32>,
 }
 
 /// The space that a node hangs from.
@@ -83,6 +90,12 @@ pub struct Moment {
     pub places: Vec<(u32, NodeId, DAffine3)>,
     /// The shape of each of the scene's deformations.
     pub shapes: Vec<Shape>,
+    /// Those of [`Self::places`] that are hidden, with all that hangs from them; rising.
+    pub hidden: Vec<u32>,
+    /// Those of them that have a light that clips change, with the light as it shines; rising.
+    pub lights: Vec<(u32, Light)>,
+    /// The materials that clips change; rising.
+    pub materials: Vec<ChangedMaterial>,
 }
 
 impl Moves {
@@ -100,12 +113,13 @@ impl Motion {
     /// The moving parts of a scene of which `placed` has the nodes, with edits that differ from
     /// those it was placed with in places only. `None` where nothing ever moves by itself.
     pub fn new(base: &Arc<Scene>, placed: &PlacedNodes, edits: &SceneEdits) -> Option<Self> {
-        if base.animations.nodes.is_empty() && base.deformations.is_empty() {
+        let looks = Looks::new(base, edits);
+        if base.animations.nodes.is_empty() && base.deformations.is_empty() && looks.is_empty() {
             return None;
         }
         let elsewhere = placed.moved(base, edits).unwrap_or_default();
-        let mut motion =
-            Self { base: Arc::clone(base), elsewhere, movers: Vec::new(), skeletons: Vec::new() };
+        let (movers, skeletons) = (Vec::new(), Vec::new());
+        let mut motion = Self { base: Arc::clone(base), elsewhere, movers, skeletons, looks };
         let mut tops: BTreeMap<u32, Moves> = BTreeMap::new();
         for (at, of) in base.animations.nodes.iter().enumerate() {
             if let Some(index) = placed.index_of(NodeId(of.node.into())) {
@@ -119,8 +133,30 @@ impl Motion {
                 tops.insert(index, Moves::Joints(at));
             }
         }
+        for node in motion.looks.nodes().chain(motion.lamps(edits)) {
+            if let Some(index) = placed.index_of(NodeId(node.into())) {
+                tops.entry(index).or_insert(Moves::Never);
+            }
+        }
         motion.add_movers(placed, edits, &tops);
         Some(motion)
+    }
+
+    /// The nodes of the file whose lights clips change, and that have them still; rising.
+    fn lamps(&self, edits: &SceneEdits) -> Vec<u32> {
+        if !self.looks.has_lights() {
+            return Vec::new();
+        }
+        let all = 0..self.base.nodes.len() as u32;
+        all.filter(|node| self.light_of(edits, NodeId((*node).into())).is_some()).collect()
+    }
+
+    /// The light of the file that a node has, if clips change it.
+    fn light_of(&self, edits: &SceneEdits, node: NodeId) -> Option<u32> {
+        let of_file = self.base.nodes.get(usize::try_from(node.0).ok()?)?;
+        let light = of_file.light.filter(|light| self.looks.has_light(*light))?;
+        let is_own = edits.node(node).is_some_and(|edits| edits.light.is_some());
+        (!is_own).then_some(light)
     }
 
     fn animated(&self, at: usize) -> Moves {
@@ -157,7 +193,8 @@ impl Motion {
                 ),
             };
             mover_of.insert(index, self.movers.len());
-            self.movers.push(Mover { index, node, above, local: still, moves });
+            let light = self.light_of(edits, node);
+            self.movers.push(Mover { index, node, above, local: still, moves, light });
         }
     }
 
@@ -211,9 +248,24 @@ impl Motion {
         })
     }
 
-    /// Returns whether these clips move anything, or a skeleton was edited.
+    /// Returns whether these clips move anything, a skeleton was edited, or looks are as they are
+    /// at a moment only.
     pub fn is_moved_by(&self, clips: &[ClipTime]) -> bool {
-        !self.base.deformations.is_empty() || clips.iter().any(|clip| clip.weight > 0.0)
+        let is_always = !self.base.deformations.is_empty() || !self.looks.is_empty();
+        is_always || clips.iter().any(|clip| clip.weight > 0.0)
+    }
+
+    /// Says of the placed nodes and of the materials what clips may do to them.
+    pub fn add_traits(&self, traits: &mut NodeTraits) {
+        traits.moving = self.movers().collect();
+        traits.may_mirror = self.may_mirror();
+        traits.changing_lights = self.changing_lights().collect();
+        traits.changing_materials = self.looks.changing(&self.base);
+    }
+
+    /// The indices of the nodes with a light that clips change among the placed nodes, rising.
+    fn changing_lights(&self) -> impl Iterator<Item = u32> + '_ {
+        self.movers.iter().filter(|mover| mover.light.is_some()).map(|mover| mover.index)
     }
 
     /// The scene's deformations, in the order of [`Moment::shapes`].
@@ -233,11 +285,12 @@ impl Motion {
 
     /// All that these clips move, as they move it.
     pub fn at(&self, clips: &[ClipTime]) -> Moment {
-        let poses = self.base.animations.pose(clips);
+        let (poses, values) = self.base.animations.at(clips);
         let shapes = self.base.deformations.iter().zip(&self.skeletons);
         let (shapes, anchors): (Vec<Shape>, Vec<DVec3>) =
             shapes.map(|(of, skeleton)| shape(of, skeleton.as_ref(), &poses)).unzip();
         let mut worlds: Vec<DAffine3> = Vec::with_capacity(self.movers.len());
+        let (mut hidden, mut lights) = (BTreeSet::new(), BTreeMap::new());
         let mut places = BTreeMap::new();
         places.extend(self.elsewhere.iter().map(|of| (of.index, (of.node, of.world))));
         for mover in &self.movers {
@@ -248,9 +301,26 @@ impl Motion {
             };
             worlds.push(world);
             places.insert(mover.index, (mover.node, world));
+            let above = match mover.above {
+                Above::Mover(above) => Some(self.movers[above].index),
+                Above::Still(_) => None,
+            };
+            let is_below_hidden = above.is_some_and(|above| hidden.contains(&above));
+            let of_file = u32::try_from(mover.node.0);
+            if is_below_hidden || of_file.is_ok_and(|node| self.looks.hides(node, &values)) {
+                hidden.insert(mover.index);
+            }
+            let light = mover.light.and_then(|of| self.looks.light(&self.base, of, &values));
+            lights.extend(light.map(|light| (mover.index, light)));
         }
         let places = places.into_iter().map(|(index, (node, world))| (index, node, world));
-        Moment { places: places.collect(), shapes }
+        Moment {
+            places: places.collect(),
+            shapes,
+            hidden: hidden.into_iter().collect(),
+            lights: lights.into_iter().collect(),
+            materials: self.looks.materials(&self.base, &values),
+        }
     }
 }
 

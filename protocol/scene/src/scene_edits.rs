@@ -263,6 +263,11 @@ impl SceneEdits {
         self.variant = variant;
     }
 
+    /// Returns whether a material was edited.
+    pub(crate) fn has_material(&self, material: u32) -> bool {
+        self.materials.get(&material).is_some()
+    }
+
     /// The variant that is shown, by its name or number.
     pub fn variant(&self) -> Option<&str> {
         self.variant.as_deref()

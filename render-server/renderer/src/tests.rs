@@ -1,6 +1,7 @@
 //! Tests that draw. They need a Vulkan or GL driver, software ones included, and fail without.
 
 mod anisotropy;
+mod changed_looks;
 mod correction;
 mod diffuse_transmission;
 mod environment;

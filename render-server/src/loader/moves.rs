@@ -15,14 +15,13 @@ pub(super) fn moved_items(ready: &ReadyScene, edits: &SceneEdits) -> Option<Move
     if ready.placed.has_light(&places) {
         return None;
     }
-    let nodes = places.iter().map(|place| MovedNode {
-        node: place.index,
-        world_from_node: place.world,
+    let nodes = places.iter().map(|place| {
         // Those that were made since have none.
-        instances: usize::try_from(place.node.0)
+        let instances = usize::try_from(place.node.0)
             .ok()
             .and_then(|index| ready.base.nodes.get(index))
-            .map_or(&[][..], |node| &node.instances),
+            .map_or(&[][..], |node| &node.instances);
+        MovedNode::new(place.index, place.world, instances)
     });
     let moved = MovedItems::new(&ready.layout, nodes)?;
     let (nodes, items, move_us) = (places.len(), moved.len(), start.elapsed().as_micros() as u64);

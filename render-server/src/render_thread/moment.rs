@@ -39,19 +39,21 @@ impl RenderThread {
         let nodes: Vec<MovedNode<'_>> = moment
             .places
             .iter()
-            .map(|(index, node, world)| MovedNode {
-                node: *index,
-                world_from_node: *world,
+            .map(|(index, node, world)| {
                 // Those that were made since have none.
-                instances: usize::try_from(node.0)
-                    .ok()
-                    .and_then(|at| of_file.get(at))
-                    .map_or(&[][..], |node| &node.instances),
+                let file = usize::try_from(node.0).ok().and_then(|at| of_file.get(at));
+                let instances = file.map_or(&[][..], |node| &node.instances);
+                let light = moment.lights.binary_search_by_key(index, |(lit, _)| *lit);
+                MovedNode {
+                    is_hidden: moment.hidden.binary_search(index).is_ok(),
+                    light: light.ok().map(|at| &moment.lights[at].1),
+                    ..MovedNode::new(*index, *world, instances)
+                }
             })
             .collect();
         let shapes = motion.deformations().iter().zip(&moment.shapes);
         let shapes: Vec<_> = shapes.map(|(of, shape)| (of.mesh, shape)).collect();
-        let moved = match still.at_moment(&self.gpu, &nodes, &shapes) {
+        let moved = match still.at_moment(&self.gpu, &nodes, &shapes, &moment.materials) {
             Ok(moved) => Rc::new(moved),
             Err(error) => {
                 tracing::error!(%error, "the scene is shown at rest: its clips cannot move it");

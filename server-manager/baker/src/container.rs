@@ -15,10 +15,11 @@ use super::uri;
 pub(super) const JSON_BYTES_MAX: usize = 256 << 20;
 
 /// The extensions that a file may require.
-pub(super) const EXTENSIONS: [&str; 24] = [
+pub(super) const EXTENSIONS: [&str; 25] = [
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
+    "KHR_animation_pointer",
     "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",
@@ -44,11 +45,10 @@ pub(super) const EXTENSIONS: [&str; 24] = [
 
 /// Extensions without which a file's shapes stay as they are: one that requires them is drawn, with
 /// a note. Those of materials are known by how their names begin.
-const OF_APPEARANCE: [&str; 9] = [
+const OF_APPEARANCE: [&str; 8] = [
     "EXT_lights_ies",
     "EXT_lights_image_based",
     "EXT_texture_avif",
-    "KHR_animation_pointer",
     "KHR_audio_emitter",
     "KHR_xmp",
     "KHR_xmp_json_ld",

@@ -13,6 +13,7 @@ use gltf::json;
 use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, SeqAccess, Visitor};
 
+use super::animation_json::Animation;
 use super::camera::Camera;
 use super::error::BakeError;
 use super::extensions::ExtensionUses;
@@ -371,38 +372,6 @@ pub(super) struct Image {
 pub(super) struct Skin {
     pub joints: Vec<u32>,
     pub inverse_bind_matrices: Option<u32>,
-}
-
-/// A clip.
-#[derive(Debug, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Animation {
-    pub name: String,
-    pub channels: Vec<AnimationChannel>,
-    pub samplers: Vec<AnimationSampler>,
-}
-
-/// A sampler and its target.
-#[derive(Debug, Deserialize)]
-pub(super) struct AnimationChannel {
-    pub sampler: u32,
-    pub target: AnimationTarget,
-}
-
-/// A property of a node.
-#[derive(Debug, Deserialize)]
-pub(super) struct AnimationTarget {
-    pub node: Option<u32>,
-    pub path: String,
-}
-
-/// Times, values, and what is between them.
-#[derive(Debug, Deserialize)]
-pub(super) struct AnimationSampler {
-    pub input: u32,
-    pub output: u32,
-    #[serde(default)]
-    pub interpolation: Option<String>,
 }
 
 /// One of the top-level lists, for messages.

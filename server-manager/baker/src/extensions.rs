@@ -15,7 +15,7 @@ const NAMES_MAX: usize = 256;
 
 /// Extensions that are not read and of which nothing can be seen, and those of which other notes
 /// say what is missing: bytes and images that are stored in another way, and what moves.
-const SAID_ELSEWHERE: [&str; 18] = [
+const SAID_ELSEWHERE: [&str; 17] = [
     "EXT_instance_features",
     "EXT_mesh_features",
     "EXT_mesh_primitive_restart",
@@ -23,7 +23,6 @@ const SAID_ELSEWHERE: [&str; 18] = [
     "EXT_structural_metadata",
     "EXT_texture_avif",
     "EXT_texture_webp",
-    "KHR_animation_pointer",
     "KHR_audio_emitter",
     "KHR_draco_mesh_compression",
     "KHR_meshopt_compression",

@@ -22,15 +22,14 @@ pub(super) struct ExtrasList {
 }
 
 impl ExtrasList {
-    /// Adds what a node of the file says, which is at this place of the scene. What it says of its
-    /// camera goes before an entry of that name.
+    /// Adds what a node of the file says, which is at this place of the scene, and hidden or not.
+    /// What it says of its camera goes before an entry of that name.
     pub(super) fn add(
         &mut self,
-        place: u32,
+        (place, is_hidden): (u32, bool),
         node: &document::Node,
         camera: Option<(String, Attribute)>,
     ) {
-        let is_hidden = !node.extensions.visibility.visible;
         let mut attributes = BTreeMap::from_iter(camera);
         self.add_attributes(&mut attributes, &node.extras);
         if is_hidden || !attributes.is_empty() {

@@ -13,7 +13,10 @@
 //! ```
 
 mod accessor;
+mod animated_property;
 mod animation;
+mod animation_json;
+mod animation_pointer;
 mod bake_cache;
 mod bounds;
 mod camera;
@@ -60,6 +63,7 @@ mod vertex_cache;
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Vec3;
@@ -71,6 +75,7 @@ use serde::{Deserialize, Serialize};
 pub use bake_cache::BakeCache;
 pub use error::BakeError;
 
+use animation::ClipTargets;
 use levels::LevelFacts;
 use material::Palette;
 use notes::Notes;
@@ -248,6 +253,7 @@ struct BakeJob<'a> {
     blobs: &'a BlobStore,
     progress: &'a mut dyn FnMut(Progress),
     cancel: &'a AtomicBool,
+    clips: Arc<ClipTargets>,
     notes: Notes,
     /// The first part that is not drawn, as a place, what is wrong, and what would be right.
     left_out: Option<[String; 3]>,
@@ -265,7 +271,8 @@ impl<'a> BakeJob<'a> {
     ) -> Self {
         let (notes, left_out, written) = (Notes::default(), None, BTreeMap::new());
         let levels = LevelFacts::default();
-        Self { source, choice, blobs, progress, cancel, notes, left_out, written, levels }
+        let clips = Arc::new(ClipTargets::of(&source.document));
+        Self { source, choice, blobs, progress, cancel, clips, notes, left_out, written, levels }
     }
 }
 
@@ -304,8 +311,9 @@ impl BakeJob<'_> {
 
     fn scene(&mut self, name: String) -> Result<Scene, BakeError> {
         self.note_what_is_left_out();
-        let clips = animation::ClipTargets::of(&self.source.document);
-        let node::Placed { nodes, meshes, extras, place_of } = node::read(self, &clips)?;
+        let clips = Arc::clone(&self.clips);
+        let node::Placed { nodes, meshes, extras, place_of, hidden_with } =
+            node::read(self, &clips)?;
         let extras = extras.into_list(self);
         let mut scene = Scene { name, nodes, sky: SKY_DEFAULT, extras, ..Scene::default() };
         let world = scene.world_from_nodes();
@@ -322,13 +330,11 @@ impl BakeJob<'_> {
         let mut replaced = ReplacedMaterials::default();
         let materials = (&mut palette, &mut replaced);
         scene.meshes = mesh::write_all(self, materials, (&meshes, &borders), &scales)?;
+        let materials_of = palette.by_file(&replaced.copies());
         scene.variants = replaced.variants(self);
         self.check_anything_is_drawn(&scene.meshes)?;
         let mesh_of: BTreeMap<u32, u32> = scales.keys().copied().zip(0..).collect();
         renumber(&mut scene.nodes, |node| &mut node.mesh, &mesh_of);
-        let (animations, animated) = animation::read(self, &place_of, &scene.nodes)?;
-        scene.animations = animations;
-        scene.deformations = meshes.deformations(&mesh_of, &animated, &scene.meshes);
         // Again, since large primitives were split.
         check_expansion(&scene.nodes, scene.draws())?;
 
@@ -338,6 +344,17 @@ impl BakeJob<'_> {
         let lights = light_of.keys().map(|&light| light::convert(self, light));
         scene.lights = lights.collect::<Result<_, _>>()?;
         renumber(&mut scene.nodes, |node| &mut node.light, &light_of);
+        let parts = animated_property::SceneParts {
+            place_of: &place_of,
+            hidden_with: &hidden_with,
+            light_of: &light_of,
+            lights: &scene.lights,
+            materials_of: &materials_of,
+            materials: &palette.materials,
+        };
+        let (animations, animated) = animation::read(self, parts, &scene.nodes)?;
+        scene.animations = animations;
+        scene.deformations = meshes.deformations(&mesh_of, &animated, &scene.meshes);
 
         scene.bounds = bounds::of_scene(&scene)?;
         let textures = texture::write_all(self, &palette.textures)?;

@@ -101,6 +101,20 @@ impl Palette {
         Ok((Some(index), made.1))
     }
 
+    /// The scene's materials of each of the file, rising, with copies that variants replace.
+    pub(super) fn by_file(&self, copies: &[(u32, u32)]) -> BTreeMap<u32, Vec<u32>> {
+        let mut by_file: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        for ((source, ..), index) in &self.by_source {
+            let Some(source) = source else { continue };
+            let copies = copies.iter().filter(|(of, _)| of == index).map(|(_, copy)| *copy);
+            by_file.entry(*source).or_default().extend(copies.chain([*index]));
+        }
+        for list in by_file.values_mut() {
+            list.sort_unstable();
+        }
+        by_file
+    }
+
     /// Appends a material; returns its index.
     pub(super) fn add(&mut self, material: Material, needs: VertexRequirements) -> u32 {
         self.materials.push(material);
@@ -119,7 +133,7 @@ impl Palette {
         let mut material = factors(json, &place)?;
         let pbr = &json.pbr_metallic_roughness;
         let needs = VertexRequirements { uv_sets, ..VertexRequirements::default() };
-        let mut user = MaterialContext { palette: self, job, place, needs };
+        let mut user = MaterialContext { palette: self, job, source: index, place, needs };
         let content = match material.alpha_mode {
             AlphaMode::Opaque => TextureKind::Color,
             _ => TextureKind::ColorAlpha,
@@ -205,6 +219,8 @@ pub(super) fn limit(value: f32, min: f32, max: f32) -> f32 {
 pub(super) struct MaterialContext<'p, 'j, 'a> {
     palette: &'p mut Palette,
     pub job: &'j mut BakeJob<'a>,
+    /// Its index in the file.
+    pub source: u32,
     pub place: String,
     pub needs: VertexRequirements,
 }

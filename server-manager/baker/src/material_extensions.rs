@@ -197,6 +197,12 @@ impl MaterialContext<'_, '_, '_> {
         })
     }
 
+    /// Returns whether an animation changes a property of one of its extensions, which is kept then
+    /// also where nothing of it is seen without.
+    fn is_changed(&self, name: &'static str) -> bool {
+        self.job.clips.change_extension(self.source, name)
+    }
+
     /// Reads all extensions that add something to the material; `None` where nothing of them can
     /// be seen. Textures that shaders cannot hold are left out, with a note. `converted` stands for
     /// the extensions of its reflection, if given.
@@ -264,12 +270,16 @@ impl MaterialContext<'_, '_, '_> {
             texture: self.optional(read.texture.as_ref(), TextureKind::Tint)?,
             color_texture: self.optional(read.color_texture.as_ref(), TextureKind::Tint)?,
         };
-        Ok((made != Specular::default()).then_some(made))
+        let is_changed = self.is_changed("KHR_materials_ior");
+        let is_kept = is_changed || self.is_changed("KHR_materials_specular");
+        Ok((is_kept || made != Specular::default()).then_some(made))
     }
 
     fn clearcoat(&mut self, json: &json::Material) -> Result<Option<Clearcoat>, BakeError> {
         let read = self.extension::<ClearcoatJson>(json, "KHR_materials_clearcoat")?;
-        let Some(read) = read.filter(|read| read.factor > 0.0) else { return Ok(None) };
+        let is_kept = self.is_changed("KHR_materials_clearcoat");
+        let read = read.filter(|read| is_kept || read.factor > 0.0);
+        let Some(read) = read else { return Ok(None) };
         let scale = read.normal_texture.as_ref().map_or(1.0, |normal| normal.scale);
         Ok(Some(Clearcoat {
             factor: limit(read.factor, 0.0, 1.0),
@@ -287,7 +297,7 @@ impl MaterialContext<'_, '_, '_> {
     fn sheen(&mut self, json: &json::Material) -> Result<Option<Sheen>, BakeError> {
         let read = self.extension::<SheenJson>(json, "KHR_materials_sheen")?.unwrap_or_default();
         let color = Vec3::from(read.color_factor.map(|of| limit(of, 0.0, 1.0)));
-        if color == Vec3::ZERO {
+        if color == Vec3::ZERO && !self.is_changed("KHR_materials_sheen") {
             return Ok(None);
         }
         Ok(Some(Sheen {
@@ -300,7 +310,9 @@ impl MaterialContext<'_, '_, '_> {
 
     fn transmission(&mut self, json: &json::Material) -> Result<Option<Transmission>, BakeError> {
         let read = self.extension::<TransmissionJson>(json, "KHR_materials_transmission")?;
-        let Some(read) = read.filter(|read| read.factor > 0.0) else { return Ok(None) };
+        let is_kept = self.is_changed("KHR_materials_transmission");
+        let read = read.filter(|read| is_kept || read.factor > 0.0);
+        let Some(read) = read else { return Ok(None) };
         Ok(Some(Transmission {
             factor: limit(read.factor, 0.0, 1.0),
             texture: self.optional(read.texture.as_ref(), TextureKind::Data)?,
@@ -312,7 +324,9 @@ impl MaterialContext<'_, '_, '_> {
     fn volume(&mut self, json: &json::Material) -> Result<Option<Volume>, BakeError> {
         let read = self.extension::<VolumeJson>(json, "KHR_materials_volume")?;
         let spread = self.extension::<DispersionJson>(json, "KHR_materials_dispersion")?;
-        let Some(read) = read.filter(|read| read.thickness > 0.0) else { return Ok(None) };
+        let is_kept = self.is_changed("KHR_materials_volume");
+        let read = read.filter(|read| is_kept || read.thickness > 0.0);
+        let Some(read) = read else { return Ok(None) };
         let distance = read.attenuation_distance;
         let distance = if distance > 0.0 { distance } else { f32::INFINITY };
         Ok(Some(Volume {

@@ -3,6 +3,8 @@
 //! Transforms are composed in f64 from the JSON's own numbers. Nothing recurses: a tree may be
 //! as deep as the file is long.
 
+use std::collections::BTreeMap;
+
 use glam::{DAffine3, DMat4, DQuat, DVec3, Quat, Vec3};
 use polyptych_scene::limits::DRAWS_MAX;
 use polyptych_scene::{Instance, Node};
@@ -28,6 +30,9 @@ pub(super) struct Placed {
     pub extras: ExtrasList,
     /// The place among `nodes` of each node of the file that is there.
     pub place_of: Vec<Option<u32>>,
+    /// For each node of the file that clips hide and show the places of itself and of all that is
+    /// hidden with it and does not hang from it here; rising.
+    pub hidden_with: BTreeMap<u32, Vec<u32>>,
 }
 
 /// A mesh whose node has a skin: where it stands is known once all nodes are.
@@ -70,8 +75,13 @@ pub(super) fn read(job: &mut BakeJob<'_>, clips: &ClipTargets) -> Result<Placed,
         let mut made = convert(job, node, index, parent, instances_left)?;
         instances_left -= made.instances.len();
         let camera = camera::attribute(job, index, node);
-        placed.extras.add(place, node, camera);
-        let is_hidden = is_below_hidden || !node.extensions.visibility.visible;
+        // What clips hide is hidden by them also where none is played.
+        let is_off = !node.extensions.visibility.visible && !clips.hide(index);
+        placed.extras.add((place, is_off), node, camera);
+        let is_hidden = is_below_hidden || is_off;
+        if clips.hide(index) {
+            placed.hidden_with.insert(index, vec![place]);
+        }
         if let Some(mesh) = made.mesh.take_if(|_| node.skin.is_some()) {
             skinned.push(Skinned { node: index, mesh, place, is_hidden });
         } else {
@@ -112,8 +122,14 @@ impl Placed {
             job.warn(&format!("nodes[{index}]: a mesh with a skin is drawn once only"));
         }
         let name = at_node.name.clone();
+        let place = self.nodes.len() as u32;
         if one.is_hidden {
-            self.extras.hide(self.nodes.len() as u32);
+            self.extras.hide(place);
+        }
+        for above in tree.chain(one.node) {
+            if let Some(places) = self.hidden_with.get_mut(&above) {
+                places.push(place);
+            }
         }
         let (mesh, light, instances) = (Some(used), None, Vec::new());
         self.nodes.push(Node { name, parent, local, mesh, light, instances });

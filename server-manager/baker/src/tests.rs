@@ -1,6 +1,7 @@
 //! Whole bakes: of scenes made in code, of broken ones, and of the assets that may lie beside.
 
 mod animation;
+mod animation_pointer;
 mod broken;
 pub(crate) mod builder;
 mod compressed;

@@ -68,6 +68,13 @@ impl ReplacedMaterials {
         Ok((Some(replaced), needs))
     }
 
+    /// The materials of parts without a variant of which there are copies to be replaced, each with
+    /// a copy.
+    pub(super) fn copies(&self) -> Vec<(u32, u32)> {
+        let each = self.places.iter();
+        each.filter_map(|((material, _), copy)| Some(((*material)?, *copy))).collect()
+    }
+
     /// The variants of the file.
     pub(super) fn variants(self, job: &mut BakeJob<'_>) -> Vec<Variant> {
         let names = &job.source.document.extensions.variants.variants;

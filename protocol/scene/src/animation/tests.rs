@@ -74,7 +74,12 @@ fn clips_that_lie_are_refused() {
     let with = |change: &dyn Fn(&mut Channel)| {
         let mut channel = good.clone();
         change(&mut channel);
-        Animations { clips: vec![clip(vec![channel])], nodes: vec![node(0)] }.fault(1)
+        Animations {
+            clips: vec![clip(vec![channel])],
+            nodes: vec![node(0)],
+            ..Animations::default()
+        }
+        .fault(1)
     };
     assert_eq!(with(&|_| ()), None);
     assert!(with(&|of| of.times[1] = -1.0).is_some());
@@ -83,7 +88,8 @@ fn clips_that_lie_are_refused() {
     assert!(with(&|of| of.values.truncate(2)).is_some());
     assert!(with(&|of| of.target = 1).is_some());
     assert!(with(&|of| (of.times, of.values) = (Vec::new(), Vec::new())).is_some());
-    let animations = Animations { clips: Vec::new(), nodes: vec![node(0)] };
+    let animations =
+        Animations { clips: Vec::new(), nodes: vec![node(0)], ..Animations::default() };
     assert!(animations.fault(0).is_some(), "a node that is not there");
 }
 
@@ -94,7 +100,8 @@ fn clips_blend_by_their_parts_and_the_rest_is_as_without() {
         let keys: [(f32, &[f32]); 1] = [(0.0, &value)];
         clip(vec![channel(AnimatedPath::Translation, Interpolation::Step, &keys)])
     };
-    let scene = Animations { clips: vec![to(5.0), to(9.0)], nodes: vec![node(0)] };
+    let scene =
+        Animations { clips: vec![to(5.0), to(9.0)], nodes: vec![node(0)], ..Animations::default() };
     let x = |clips: &[ClipTime]| scene.pose(clips)[0].local().translation.x;
     assert_eq!(x(&[]), 1.0, "at rest");
     assert_eq!(x(&[played(0, 0.0, 1.0)]), 5.0);
@@ -119,7 +126,7 @@ fn motions_of_one_figure_are_not_played_together_unasked() {
         clip(vec![of(1, walk)]),
         clip(vec![of(0, AnimatedPath::Scale)]),
     ];
-    let scene = Animations { clips, nodes: Vec::new() };
+    let scene = Animations { clips, nodes: Vec::new(), ..Animations::default() };
     assert_eq!(scene.played_unasked(), [1, 3, 4]);
 }
 

@@ -30,7 +30,7 @@ fn scene() -> Arc<Scene> {
         values: vec![2.0, 0.0, 0.0, 2.0, 1.0, 0.0],
     };
     let clip = Clip { name: "lift".into(), channels: vec![lift] };
-    let animations = Animations { clips: vec![clip], nodes: vec![rest] };
+    let animations = Animations { clips: vec![clip], nodes: vec![rest], ..Animations::default() };
     Arc::new(Scene { nodes, animations, ..Scene::default() })
 }
 

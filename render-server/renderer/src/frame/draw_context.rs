@@ -75,7 +75,7 @@ impl DrawContext<'_> {
                 let groups = &self.scene.materials[batch.material as usize];
                 pass.set_bind_group(2, &groups.material, &[]);
                 if let Some(extensions) = &groups.extensions {
-                    pass.set_bind_group(3, extensions, &[]);
+                    pass.set_bind_group(3, &extensions.group, &[]);
                 }
             }
             let shape = &self.scene.geometries[batch.geometry as usize];

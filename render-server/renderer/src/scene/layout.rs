@@ -96,7 +96,7 @@ impl SceneLayout {
         let world = draw_item::world_from_nodes(&desc.nodes);
         let mut lights = Lights::new(&desc, &world, traits);
         let (tree, places) = SceneTree::new(&desc.nodes, traits);
-        let mut sorter = Sorter::new(&desc, &lights, geometries.count);
+        let mut sorter = Sorter::new(&desc, traits, &lights, geometries.count);
         let (mut items, mut bounds) = (Vec::new(), Vec::new());
         let mut first_items = Vec::with_capacity(desc.nodes.len() + 1);
         let (billboards, billboard_of) = Billboard::all(&desc.nodes, &world, &traits.facings);
@@ -310,8 +310,10 @@ fn first_primitives(desc: &Scene) -> Vec<usize> {
 }
 
 /// Finds the batch of each placement, and collects the pipelines that they need.
-struct Sorter {
+struct Sorter<'a> {
     default_material: Material,
+    /// What clips may change.
+    traits: &'a NodeTraits,
     /// What all pipelines of the scene have in common.
     template: Template,
     batches: Vec<Batch>,
@@ -333,8 +335,8 @@ struct Template {
     shadows: ShadowFilter,
 }
 
-impl Sorter {
-    fn new(desc: &Scene, lights: &Lights, geometry_count: usize) -> Self {
+impl<'a> Sorter<'a> {
+    fn new(desc: &Scene, traits: &'a NodeTraits, lights: &Lights, geometry_count: usize) -> Self {
         let blends = |primitive: &Primitive| {
             let material = primitive.material.and_then(|m| desc.materials.get(m as usize));
             material.is_some_and(|of| of.alpha_mode == AlphaMode::Blend || of.transmits())
@@ -353,6 +355,7 @@ impl Sorter {
         };
         Self {
             default_material: Material::default(),
+            traits,
             template,
             batches: Vec::new(),
             keys: Vec::new(),
@@ -422,6 +425,7 @@ impl Sorter {
         if index == next {
             let described = described.unwrap_or(&self.default_material);
             let layout = primitive.layout;
+            let described = &*self.traits.with_changes(plain, described);
             let features = styled.map_or_else(
                 || material::features(described, layout),
                 |styled| styled.features(described, layout),

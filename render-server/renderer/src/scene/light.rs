@@ -7,6 +7,7 @@ use polyptych_scene::{Light, LightKind, NodeTraits, Scene};
 
 use super::SceneError;
 use super::draw_item::Bounds;
+use super::moved_items::MovedNode;
 use super::subset::{Selection, layer_bit};
 use crate::view::SUNS_MAX;
 
@@ -139,7 +140,8 @@ impl Lights {
                 let (node, light) = (index as u32, light.clone());
                 lights.moving.push(MovingLight { node, is_sun, slot, light });
             }
-            lights.add(lamp, true);
+            let may_shine = lamp.intensity != Vec3::ZERO || traits.has_changing_light(index);
+            lights.add(lamp, may_shine);
         }
         if !is_lit && layers == 0 {
             lights.suns.push(DEFAULT_SUN);
@@ -149,29 +151,36 @@ impl Lights {
         lights
     }
 
-    /// The lights where some nodes have moved; `None` where all stay as they are. `place_of` gives
-    /// world space from a node's space, where the node has moved.
-    pub fn moved(&self, place_of: impl Fn(u32) -> Option<DAffine3>) -> Option<MovedLights> {
+    /// The lights where some nodes have moved; `None` where all stay as they are. `find` gives a
+    /// node that has moved, is hidden, or has another light.
+    pub fn moved<'a>(
+        &self,
+        find: impl Fn(u32) -> Option<&'a MovedNode<'a>>,
+    ) -> Option<MovedLights> {
         let (mut suns, mut lamps) = (self.suns.clone(), self.lamps.clone());
         let mut is_moved = false;
         for MovingLight { node, is_sun, slot, light } in &self.moving {
-            let Some(world) = place_of(*node) else { continue };
+            let Some(moved) = find(*node) else { continue };
             is_moved = true;
+            let on = if *is_sun { suns[*slot].on } else { lamps[*slot].on };
+            let light = moved.light.unwrap_or(light);
+            let mut lamp = LocalLight::new(light, &moved.world_from_node, on);
+            if moved.is_hidden {
+                lamp.intensity = Vec3::ZERO;
+            }
             if *is_sun {
                 let sun = &mut suns[*slot];
-                sun.toward = -LocalLight::new(light, &world, sun.on).direction;
+                (sun.toward, sun.irradiance) = (-lamp.direction, lamp.intensity);
             } else {
-                let lamp = &mut lamps[*slot];
-                *lamp = LocalLight { range: None, ..LocalLight::new(light, &world, lamp.on) };
+                lamps[*slot] = LocalLight { range: None, ..lamp };
             }
         }
         is_moved.then_some(MovedLights { suns, lamps })
     }
 
-    fn add(&mut self, lamp: LocalLight, is_of_file: bool) {
+    fn add(&mut self, lamp: LocalLight, casts_shadows: bool) {
         if lamp.directional && self.suns.len() < SUNS_MAX {
             let (toward, irradiance) = (-lamp.direction, lamp.intensity);
-            let casts_shadows = is_of_file && irradiance != Vec3::ZERO;
             self.suns.push(DirectionalLight { toward, irradiance, on: lamp.on, casts_shadows });
         } else {
             self.lamps.push(lamp);

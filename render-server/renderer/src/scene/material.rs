@@ -6,7 +6,7 @@ use polyptych_scene::{
     AlphaMode, Highlight, Material, NodeStyle, Scene, Shading, TextureRef, VertexLayout,
 };
 
-use super::material_extension::{self, ExtensionFeatures};
+use super::material_extension::{self, ExtensionFeatures, ExtensionGroup};
 use crate::bindings;
 use crate::gpu::Gpu;
 use crate::pipeline::{Alpha, MaterialFeatures, TextureSlot};
@@ -140,7 +140,21 @@ pub(crate) struct MaterialGroups {
     /// Group 2.
     pub material: wgpu::BindGroup,
     /// Group 3, of one that has extensions.
-    pub extensions: Option<wgpu::BindGroup>,
+    pub extensions: Option<ExtensionGroup>,
+    /// Its values, from this byte on.
+    values: (wgpu::Buffer, u64),
+}
+
+impl MaterialGroups {
+    /// Gives it the values of a description with the same textures and extensions.
+    pub fn set(&self, gpu: &Gpu, desc: &Material, highlight: Vec4) {
+        let (buffer, offset) = &self.values;
+        let uniform = MaterialUniform::new(desc, highlight);
+        gpu.queue.write_buffer(buffer, *offset, bytemuck::bytes_of(&uniform));
+        if let (Some(group), Some(of)) = (&self.extensions, &desc.extensions) {
+            group.set(gpu, of);
+        }
+    }
 }
 
 /// The bind groups of every material, the default material, and these as styles draw them.
@@ -201,7 +215,10 @@ pub(crate) fn bind_groups(
     };
     let extended: Vec<&Material> = materials.iter().map(|(material, _)| material).collect();
     let extensions = material_extension::bind_groups(gpu, &extended, views, samplers);
-    let groups = materials.iter().enumerate().map(group);
-    let groups = groups.zip(extensions);
-    groups.map(|(material, extensions)| MaterialGroups { material, extensions }).collect()
+    let groups = materials.iter().enumerate().map(group).zip(extensions).enumerate();
+    let with_values = |(index, (material, extensions))| {
+        let values = (buffer.clone(), (index * stride) as u64);
+        MaterialGroups { material, extensions, values }
+    };
+    groups.map(with_values).collect()
 }

@@ -161,13 +161,28 @@ impl ExtensionFeatures {
     }
 }
 
+/// Bind group 3 of a material.
+#[derive(Clone, Debug)]
+pub(crate) struct ExtensionGroup {
+    pub group: wgpu::BindGroup,
+    values: wgpu::Buffer,
+}
+
+impl ExtensionGroup {
+    /// Gives it other values.
+    pub fn set(&self, gpu: &Gpu, of: &MaterialExtensions) {
+        let uniform = ExtensionUniform::new(of);
+        gpu.queue.write_buffer(&self.values, 0, bytemuck::bytes_of(&uniform));
+    }
+}
+
 /// Bind group 3 of each material that has extensions.
 pub(super) fn bind_groups(
     gpu: &Gpu,
     materials: &[&Material],
     views: &[wgpu::TextureView],
     samplers: &[wgpu::Sampler],
-) -> Vec<Option<wgpu::BindGroup>> {
+) -> Vec<Option<ExtensionGroup>> {
     let extended = |of: &&Material| of.extensions.is_some() && !of.unlit;
     if !materials.iter().any(extended) {
         return vec![None; materials.len()];
@@ -205,11 +220,12 @@ pub(super) fn bind_groups(
             binding: (1 + 2 * EXTENSION_TEXTURES_MAX) as u32,
             resource: wgpu::BindingResource::TextureView(table),
         }));
-        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("extension/group"),
             layout: &layouts[usize::from(grain.is_some())],
             entries: &entries,
-        })
+        });
+        ExtensionGroup { group, values: buffer }
     };
     let of = |one: &&Material| one.extensions.as_deref().filter(|_| !one.unlit).map(group);
     materials.iter().map(of).collect()

@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
+use polyptych_scene::ChangedMaterial;
 use polyptych_scene::deformation::Shape;
 use rayon::prelude::*;
 
@@ -11,9 +12,9 @@ use super::{GpuScene, SceneError};
 use crate::gpu::Gpu;
 
 impl GpuScene {
-    /// Returns the scene with nodes in other places, in the order of their indices, and meshes, by
-    /// their indices, in other shapes. Vertices are shared: of several scenes that this made, only
-    /// the last one can be drawn.
+    /// Returns the scene with nodes in other places, in the order of their indices, meshes, by
+    /// their indices, in other shapes, and materials with other values. Vertices and values are
+    /// shared: of several scenes that this made, only the last one can be drawn.
     ///
     /// # Errors
     /// A node was turned inside out of which that was not known when the scene was laid out.
@@ -22,7 +23,9 @@ impl GpuScene {
         gpu: &Gpu,
         nodes: &[MovedNode<'_>],
         shapes: &[(u32, &Shape)],
+        materials: &[ChangedMaterial],
     ) -> Result<Self, SceneError> {
+        self.change_materials(gpu, materials);
         let boxes: BentBoxes =
             shapes.par_iter().map(|(mesh, shape)| (*mesh, self.bend(gpu, *mesh, shape))).collect();
         let layout = &self.layout;
@@ -33,6 +36,21 @@ impl GpuScene {
         };
         let moved = moved.ok_or_else(inside_out)?;
         self.with_layout(gpu, Arc::clone(layout), Some(Arc::new(moved)))
+    }
+
+    /// Gives materials other values, in all styles that they are drawn in. Draws that were ordered
+    /// before have the values before.
+    fn change_materials(&self, gpu: &Gpu, changed: &[ChangedMaterial]) {
+        let (desc, styled) = (&self.layout.desc, &self.layout.styled);
+        for one in changed {
+            let Some(of_scene) = desc.materials.get(one.material as usize) else { continue };
+            let mut material = of_scene.clone();
+            one.apply_to(&mut material);
+            self.materials[one.material as usize].set(gpu, &material, Vec4::ZERO);
+            let behind = &self.materials[desc.materials.len() + 1..];
+            let of_it = styled.iter().zip(behind).filter(|(of, _)| of.material == one.material);
+            of_it.for_each(|(of, groups)| groups.set(gpu, &material, of.highlight));
+        }
     }
 
     /// Bends a mesh; gives the boxes around its primitives.

@@ -9,7 +9,7 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 
 use glam::{DAffine3, Vec3};
-use polyptych_scene::Instance;
+use polyptych_scene::{Instance, Light};
 
 use super::billboard::Billboard;
 use super::bvh::Bvh;
@@ -32,12 +32,23 @@ pub struct MovedNode<'a> {
     pub world_from_node: DAffine3,
     /// The places of its mesh, as in the description.
     pub instances: &'a [Instance],
+    /// `true` if neither its mesh nor its light is seen.
+    pub is_hidden: bool,
+    /// Its light, if that is another one than in the layout.
+    pub light: Option<&'a Light>,
+}
+
+impl<'a> MovedNode<'a> {
+    /// A node that is shown, with its own light.
+    pub fn new(node: u32, world_from_node: DAffine3, instances: &'a [Instance]) -> Self {
+        Self { node, world_from_node, instances, is_hidden: false, light: None }
+    }
 }
 
 /// The items of a layout that were moved since it was made.
 #[derive(Debug)]
 pub struct MovedItems {
-    /// Those of the layout that are moved: a bit for each.
+    /// Those of the layout that are moved or hidden: a bit for each.
     is_moved: Vec<u64>,
     /// Their indices in the layout, rising.
     indices: Vec<u32>,
@@ -78,10 +89,11 @@ impl MovedItems {
         boxes: &BentBoxes,
         items_max: usize,
     ) -> Option<Self> {
-        let place_of = |node: u32| {
+        let find = |node: u32| {
             let at = nodes.binary_search_by_key(&node, |moved| moved.node).ok()?;
-            Some(nodes[at].world_from_node)
+            Some(&nodes[at])
         };
+        let place_of = |node: u32| find(node).map(|moved| moved.world_from_node);
         let billboards = layout.billboards.iter().map(|of| of.moved(place_of)).collect();
         let mut moved = Self {
             is_moved: vec![0; layout.items.len().div_ceil(64)],
@@ -92,7 +104,7 @@ impl MovedItems {
             tree: Bvh::default(),
             batch_bounds: Vec::new(),
             lamp_indices: Vec::new(),
-            lights: layout.lights.moved(place_of),
+            lights: layout.lights.moved(find),
             billboards,
         };
         let mut known_lamps = HashMap::new();
@@ -134,6 +146,11 @@ impl MovedItems {
         let Some(one) = layout.items[first as usize..end as usize].first() else {
             return Some(());
         };
+        if node.is_hidden {
+            // They are in no tree now, so that nothing finds them.
+            (first..end).for_each(|item| self.take_out(item));
+            return Some(());
+        }
         // The first primitive of a mesh that has any is where the next mesh's begins.
         let starts = &layout.first_primitive;
         let mesh =
@@ -166,12 +183,17 @@ impl MovedItems {
             let (origin, stance) = (placed.origin, placed.stance);
             self.items.push(DrawItem { origin, stance, lamps, batch, ..known.clone() });
             self.bounds.push(placed.bounds);
-            self.is_moved[index as usize / 64] |= 1 << (index % 64);
+            self.take_out(index);
             self.indices.push(index);
             Ok::<_, ()>(())
         });
         self.stances = stances;
         placed.ok().filter(|()| next == end)
+    }
+
+    /// Takes an item out of the tree of the layout.
+    fn take_out(&mut self, item: u32) {
+        self.is_moved[item as usize / 64] |= 1 << (item % 64);
     }
 
     /// Start and count of the list of the lamps that reach a box. Where it is that of the item
@@ -210,7 +232,7 @@ impl MovedItems {
         self.indices.binary_search(&item).ok()
     }
 
-    /// Returns whether an item was moved.
+    /// Returns whether an item was moved or hidden.
     pub(super) fn holds(&self, item: u32) -> bool {
         self.is_moved[item as usize / 64] >> (item % 64) & 1 == 1
     }

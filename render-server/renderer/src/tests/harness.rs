@@ -10,7 +10,7 @@ use polyptych_renderer::{
 };
 use polyptych_scene::meshlet::{ErrorSphere, Meshlet};
 use polyptych_scene::{
-    IndexFormat, Material, Mesh, Node, Primitive, Sampler, Scene, SceneSubset, Texture,
+    IndexFormat, Material, Mesh, Node, NodeTraits, Primitive, Sampler, Scene, SceneSubset, Texture,
     TextureFormat, ToneMapper, Topology, VertexLayout, Wrap,
 };
 
@@ -297,7 +297,11 @@ impl SceneFixture {
     }
 
     pub fn build(&self) -> GpuScene {
-        let mut layout = SceneLayout::new(self.desc.clone(), &|| false).unwrap();
+        self.build_with(&NodeTraits::of_file(self.desc.nodes.len()))
+    }
+
+    pub fn build_with(&self, traits: &NodeTraits) -> GpuScene {
+        let mut layout = SceneLayout::with_traits(self.desc.clone(), traits, &|| false).unwrap();
         if let Some(ground) = self.ground {
             layout = layout.with_ground(ground);
         }

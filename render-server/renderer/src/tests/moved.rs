@@ -128,7 +128,7 @@ proptest! {
         let worlds = stage.desc.world_from_nodes();
         let all = (0u32..).zip(&stage.desc.nodes).zip(worlds.iter().zip(&world_before));
         let moved = all.filter(|(_, (now, before))| now != before).map(|((node, of), (now, _))| {
-            MovedNode { node, world_from_node: *now, instances: &of.instances }
+            MovedNode::new(node, *now, &of.instances)
         });
         let moved = MovedItems::new(&built.layout, moved);
         // Too many such cases would fail.
@@ -174,11 +174,7 @@ fn row(moved: &[(u32, DAffine3)]) -> Option<MovedItems> {
         stage.node(mesh, DAffine3::from_translation(DVec3::X * f64::from(at)));
     });
     let layout = crate::SceneLayout::new(stage.desc, &|| false).expect("sound");
-    let nodes = moved.iter().map(|&(node, world_from_node)| MovedNode {
-        node,
-        world_from_node,
-        instances: &[],
-    });
+    let nodes = moved.iter().map(|&(node, world)| MovedNode::new(node, world, &[]));
     MovedItems::new(&layout, nodes)
 }
 

@@ -136,7 +136,7 @@ fn sliding_house() -> Scene {
         values: vec![10.0, 0.0, 0.0, 14.0, 0.0, 0.0],
     };
     let clip = Clip { name: "slide".into(), channels: vec![slide] };
-    let animations = Animations { clips: vec![clip], nodes: vec![rest] };
+    let animations = Animations { clips: vec![clip], nodes: vec![rest], ..Animations::default() };
     Scene { nodes: vec![node(None, 10.0), node(Some(0), 1.0)], animations, ..Scene::default() }
 }
 

@@ -1,0 +1,129 @@
+//! Materials and lights that clips change and nodes that they hide: what is drawn is as in a scene
+//! that has the values of the moment, bit for bit.
+
+use glam::{Affine2, DAffine3, DVec3, Vec2, Vec3, Vec4};
+use polyptych_scene::{
+    ChangedMaterial, Clearcoat, Light, LightKind, Material, MaterialExtensions, MaterialProperty,
+    NodeStyle, NodeTraits, Shading, TextureRef,
+};
+
+use super::harness::{MeshFixture, SceneFixture, differences, draw, gpu, look};
+use crate::{GpuScene, MovedNode};
+
+const SIZE: [u32; 2] = [96, 64];
+
+/// A textured panel with a coat, another of its material that is drawn unlit, a lamp before them,
+/// and a ball; the ball stands last.
+fn scene(change: impl FnOnce(&mut Material), light: Light, has_ball: bool) -> SceneFixture {
+    let mut stage = SceneFixture::new();
+    let texture = stage.checkers(16, true);
+    let clearcoat = Some(Clearcoat { roughness: 0.3, ..Clearcoat::default() });
+    let extensions = MaterialExtensions { clearcoat, ..MaterialExtensions::default() };
+    let mut material = Material {
+        metallic: 0.0,
+        base_color_texture: Some(TextureRef {
+            texture,
+            uv_set: 0,
+            uv_transform: Affine2::IDENTITY,
+        }),
+        extensions: Some(Box::new(extensions)),
+        ..Material::default()
+    };
+    change(&mut material);
+    let material = stage.material(material);
+    let panel = stage.mesh(&MeshFixture::rectangle(0.9, 0.8), Some(material));
+    stage.node(panel, DAffine3::from_translation(DVec3::new(-1.0, 0.0, 0.0)));
+    stage.node(panel, DAffine3::from_translation(DVec3::new(1.0, 0.0, 0.0)));
+    stage.light(light, DAffine3::from_translation(DVec3::new(0.0, 0.5, 1.5)));
+    if has_ball {
+        let ball = stage.mesh(&MeshFixture::sphere(6), None);
+        stage.node(ball, DAffine3::from_translation(DVec3::new(0.2, 0.0, 0.5)));
+    }
+    stage
+}
+
+fn lamp(intensity: f32) -> Light {
+    Light { kind: LightKind::Point, color: Vec3::ONE, intensity, range: None }
+}
+
+/// What clips may change: the lamp, and these properties of the material.
+fn traits(nodes: usize, properties: &[MaterialProperty]) -> NodeTraits {
+    let unlit = NodeStyle { shading: Some(Shading::Unlit), ..NodeStyle::default() };
+    let mut styles = vec![NodeStyle::default(); nodes];
+    styles[1] = unlit;
+    NodeTraits {
+        styles,
+        moving: (2..nodes as u32).collect(),
+        changing_lights: vec![2],
+        changing_materials: properties.iter().map(|of| (0, *of)).collect(),
+        ..NodeTraits::of_file(nodes)
+    }
+}
+
+#[test]
+fn values_of_a_moment_are_drawn_as_those_of_a_scene_that_has_them() {
+    use MaterialProperty as Of;
+    let values = vec![
+        (Of::BaseColor, vec![0.25, 0.5, 1.0, 1.0]),
+        (Of::Roughness, vec![0.5]),
+        (Of::EmissiveColor, vec![0.5, 0.25, 0.0]),
+        (Of::EmissiveStrength, vec![2.0]),
+        (Of::UvOffset(0), vec![0.25, 0.5]),
+        (Of::UvRotation(0), vec![0.0]),
+        (Of::UvScale(0), vec![2.0, 0.5]),
+        (Of::ClearcoatFactor, vec![1.0]),
+    ];
+    let properties: Vec<MaterialProperty> = values.iter().map(|(of, _)| *of).collect();
+    let set = |material: &mut Material| {
+        material.base_color = Vec4::new(0.25, 0.5, 1.0, 1.0);
+        (material.roughness, material.emissive) = (0.5, Vec3::new(1.0, 0.5, 0.0));
+        let texture = material.base_color_texture.as_mut().expect("a texture");
+        texture.uv_transform =
+            Affine2::from_scale_angle_translation(Vec2::new(2.0, 0.5), 0.0, Vec2::new(0.25, 0.5));
+        let coat = material.extensions.as_mut().and_then(|of| of.clearcoat.as_mut());
+        coat.expect("a coat").factor = 1.0;
+    };
+    let still = scene(|_| (), lamp(2.0), true);
+    let still_scene = still.build_with(&traits(4, &properties));
+    let wanted = scene(set, lamp(9.0), false);
+    let wanted = wanted.build_with(&traits(3, &properties));
+
+    let worlds = still.desc.world_from_nodes();
+    let light = lamp(9.0);
+    let nodes = |is_hidden: bool, light| {
+        [
+            MovedNode { light, ..MovedNode::new(2, worlds[2], &[]) },
+            MovedNode { is_hidden, ..MovedNode::new(3, worlds[3], &[]) },
+        ]
+    };
+    let changed = [ChangedMaterial { material: 0, values }];
+    let at = |nodes: &[MovedNode<'_>], changed: &[ChangedMaterial]| {
+        still_scene.at_moment(gpu(), nodes, &[], changed).expect("it moves")
+    };
+    let view = look(DVec3::new(0.3, 0.4, 3.0), DVec3::ZERO, SIZE);
+    let picture = |scene: &GpuScene| draw(scene, SIZE, &view);
+    let before = picture(&still_scene);
+    let wanted = picture(&wanted);
+    assert!(differences(&before, &wanted)[2] > 1000, "the moment differs from what is still");
+    let moment = at(&nodes(true, Some(&light)), &changed);
+    assert_eq!(differences(&picture(&moment), &wanted), [0; 3]);
+
+    // As it was again, in the same buffers.
+    let rest = vec![
+        (Of::BaseColor, vec![1.0; 4]),
+        (Of::Roughness, vec![1.0]),
+        (Of::EmissiveColor, vec![0.0; 3]),
+        (Of::EmissiveStrength, vec![1.0]),
+        (Of::UvOffset(0), vec![0.0; 2]),
+        (Of::UvRotation(0), vec![0.0]),
+        (Of::UvScale(0), vec![1.0; 2]),
+        (Of::ClearcoatFactor, vec![0.0]),
+    ];
+    let again = at(&nodes(false, None), &[ChangedMaterial { material: 0, values: rest }]);
+    assert_eq!(differences(&picture(&again), &before), [0; 3]);
+    // A lamp that is hidden gives no light.
+    let dark = [MovedNode { is_hidden: true, ..MovedNode::new(2, worlds[2], &[]) }];
+    let dark = picture(&at(&dark, &[]));
+    let black = scene(|_| (), lamp(0.0), true).build_with(&traits(4, &properties));
+    assert_eq!(differences(&dark, &picture(&black)), [0; 3]);
+}
