@@ -15,7 +15,8 @@ use super::uri;
 pub(super) const JSON_BYTES_MAX: usize = 256 << 20;
 
 /// The extensions that a file may require.
-pub(super) const EXTENSIONS: [&str; 25] = [
+pub(super) const EXTENSIONS: [&str; 27] = [
+    "EXT_lod",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
@@ -41,6 +42,7 @@ pub(super) const EXTENSIONS: [&str; 25] = [
     "KHR_node_visibility",
     "KHR_texture_basisu",
     "KHR_texture_transform",
+    "MSFT_lod",
 ];
 
 /// Extensions without which a file's shapes stay as they are: one that requires them is drawn, with

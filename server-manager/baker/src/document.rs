@@ -149,6 +149,24 @@ pub(super) struct NodeExtensions {
     pub instancing: Option<Instancing>,
     #[serde(rename = "KHR_node_visibility")]
     pub visibility: Visibility,
+    #[serde(rename = "MSFT_lod")]
+    msft_lod: CoarserLevels,
+    #[serde(rename = "EXT_lod")]
+    ext_lod: CoarserLevels,
+}
+
+impl NodeExtensions {
+    /// The nodes that are coarser levels of this one.
+    pub(super) fn coarser(&self) -> impl Iterator<Item = u32> + '_ {
+        self.msft_lod.ids.iter().chain(&self.ext_lod.ids).copied()
+    }
+}
+
+/// `MSFT_lod`: other forms of what has it, from the second finest on.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct CoarserLevels {
+    ids: Vec<u32>,
 }
 
 /// `KHR_node_visibility`.

@@ -3,7 +3,7 @@
 //! Transforms are composed in f64 from the JSON's own numbers. Nothing recurses: a tree may be
 //! as deep as the file is long.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DAffine3, DMat4, DQuat, DVec3, Quat, Vec3};
 use polyptych_scene::limits::DRAWS_MAX;
@@ -227,8 +227,12 @@ fn roots(job: &mut BakeJob<'_>, parents: &[Option<u32>]) -> Result<Vec<u32>, Bak
     if let Some(index) = job.choice.index {
         return Ok(job.source.document.scenes.at(index, "scene")?.nodes.clone());
     }
+    // Coarser levels of a node stand in its place, not beside it.
+    let coarser = job.source.document.nodes.iter().flat_map(|node| node.extensions.coarser());
+    let coarser: BTreeSet<u32> = coarser.collect();
     let roots = (0u32..).zip(parents).filter(|(_, parent)| parent.is_none());
-    let roots: Vec<u32> = roots.map(|(index, _)| index).collect();
+    let roots = roots.map(|(index, _)| index).filter(|index| !coarser.contains(index));
+    let roots: Vec<u32> = roots.collect();
     if !roots.is_empty() {
         job.warn("scenes: there is none, so all nodes are shown");
     }

@@ -9,6 +9,7 @@ mod exposure;
 mod extras;
 mod image_formats;
 mod levels;
+mod lods;
 mod materials;
 mod missing;
 mod numbers;
