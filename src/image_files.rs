@@ -3,7 +3,8 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
+use image::codecs::jpeg::JpegEncoder;
 use image::{ImageFormat, RgbaImage};
 use polyptych_client::Image;
 
@@ -29,6 +30,41 @@ pub(crate) fn side_by_side(screens: &[Image]) -> anyhow::Result<RgbaImage> {
         left += i64::from(screen.width);
     }
     Ok(all)
+}
+
+/// The quality of a JPEG file, of 100.
+const JPEG_QUALITY: u8 = 88;
+
+/// Returns whether a path names a JPEG file; `None` if neither that nor PNG.
+fn is_jpeg(path: &Path) -> Option<bool> {
+    let end = path.extension()?.to_ascii_lowercase();
+    match end.to_str()? {
+        "png" => Some(false),
+        "jpg" | "jpeg" => Some(true),
+        _ => None,
+    }
+}
+
+/// Checks that a picture can be written here.
+///
+/// # Errors
+/// The name ends in another way than those of pictures do, or something is there that is no file.
+pub(crate) fn check(path: &Path) -> anyhow::Result<()> {
+    let Some(_) = is_jpeg(path) else {
+        bail!("{}: write a name that ends in .png or .jpg", path.display());
+    };
+    outputs::check(path)
+}
+
+/// Writes a PNG or JPEG file, as its name says.
+pub(crate) fn save(path: &Path, image: &RgbaImage) -> anyhow::Result<()> {
+    if is_jpeg(path) != Some(true) {
+        return save_png(path, image);
+    }
+    let mut bytes = Vec::new();
+    let opaque = image::DynamicImage::ImageRgba8(image.clone()).into_rgb8();
+    opaque.write_with_encoder(JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY))?;
+    outputs::write(path, &bytes)
 }
 
 /// Writes a PNG file.

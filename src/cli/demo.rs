@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use super::{say, seconds, server, simulate};
+use crate::simulator::town::TownExtras;
 
 /// The wall of the demo, the same file that a user finds in the repository.
 const WALL: &str = include_str!("../../configs/wall-2x2.toml");
@@ -30,13 +31,18 @@ pub(super) struct Arguments {
     /// Draw into pictures only
     #[arg(long)]
     headless: bool,
+    /// Draw one frame into pictures only, and write that of the whole wall here: .png or .jpg
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["windows", "seconds"])]
+    picture: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let path = Path::new("configs/wall-2x2.toml");
     let wall =
         polyptych_wall_file::parse(WALL, path).map_err(|error| anyhow::anyhow!("{error}"))?;
-    let windows = arguments.windows || (server::has_display() && !arguments.headless);
+    let is_still = arguments.picture.is_some();
+    let is_headless = arguments.headless || is_still;
+    let windows = arguments.windows || (server::has_display() && !is_headless);
     let how = match (windows, arguments.seconds) {
         (true, None) => "in windows, until one is closed",
         (true, Some(_)) => "in windows",
@@ -47,8 +53,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         wall: path.to_owned(),
         scene: None,
         scene_name: None,
-        frames: None,
-        seconds: arguments.seconds.or((!windows).then_some(LENGTH_UNSEEN)),
+        frames: is_still.then_some(1),
+        seconds: arguments.seconds.or((!windows && !is_still).then_some(LENGTH_UNSEEN)),
         rate: windows.then_some(RATE_SEEN),
         time: 0.0,
         fps: None,
@@ -58,9 +64,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         windows,
         record: None,
         exposure: None,
+        environment: Some("sky".into()),
+        fog: None,
         error_bound: 0.0,
         rate_bound: None,
         out: arguments.out.clone(),
+        picture: arguments.picture.clone(),
+        extras: TownExtras { has_open_sea: true, has_waves: true, is_dusk: false },
         fault: Vec::new(),
         fault_seed: 0,
     };

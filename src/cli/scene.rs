@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use super::seen::show;
 use super::{ManagerAddress, node, say};
 use crate::outputs;
-use crate::simulator::town::{TownOptions, generate};
+use crate::simulator::town::{TownExtras, TownOptions, generate};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Scene {
@@ -44,6 +44,15 @@ pub(super) struct TownArguments {
     /// Another number, another town
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Let the sea reach to the horizon
+    #[arg(long)]
+    sea: bool,
+    /// Let boats ride on waves: an animation
+    #[arg(long)]
+    boats: bool,
+    /// Let the sun be about to set, and lamps burn along the quay too
+    #[arg(long)]
+    dusk: bool,
     /// The .glb file to write
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
@@ -116,7 +125,9 @@ fn list(arguments: &ListArguments) -> anyhow::Result<()> {
 
 fn town(arguments: &TownArguments) -> anyhow::Result<()> {
     outputs::check_source(&arguments.output, arguments.force)?;
-    let bytes = generate(&TownOptions { blocks: arguments.blocks, seed: arguments.seed })?;
+    let TownArguments { blocks, seed, sea, boats, dusk, .. } = *arguments;
+    let extras = TownExtras { has_open_sea: sea, has_waves: boats, is_dusk: dusk };
+    let bytes = generate(&TownOptions { blocks, seed, extras })?;
     outputs::write(&arguments.output, &bytes)?;
     say(format_args!("{}: {}", arguments.output.display(), counted(bytes.len(), "byte")))?;
     Ok(())

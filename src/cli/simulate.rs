@@ -9,23 +9,26 @@ use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_client::blocking::Pending;
 use polyptych_client::glam::DVec3;
-use polyptych_client::{Bounds, Camera, QualityBounds, Request, Response, fit_bounds};
+use polyptych_client::{
+    Bounds, Camera, EnvironmentSource, Fog, QualityBounds, Request, Response, fit_bounds,
+};
 use polyptych_manager::recorder::Recorder;
 use polyptych_text::counted;
 use polyptych_wall::Wall;
 
 use super::progress::ProgressReport;
-use super::remote::{open_scene, point, say_notes};
+use super::remote::{open_scene, point, positive, say_notes};
 use super::seen::Seen;
+use super::surroundings::Brightness;
 use super::{
-    bake_files, bound, cache_folder, exposure, load_wall, log_file_warnings, manager, rate, say,
-    seconds,
+    bake_files, bound, cache_folder, load_wall, log_file_warnings, manager, rate, say, seconds,
 };
 use crate::simulator::ending::Ending;
 use crate::simulator::faults::{self, Fault, FaultHooks, Faults};
 use crate::simulator::local_wall::{INTERRUPTED, LocalWall, LocalWallOptions};
 use crate::simulator::orbit;
 use crate::simulator::run_report::RunReport;
+use crate::simulator::town::{TownExtras, TownOptions, generate};
 use crate::simulator::verify::ReferenceScene;
 use crate::{image_files, logging, outputs, progress};
 
@@ -78,9 +81,17 @@ pub(super) struct Arguments {
     /// another button or Shift) and zooms (wheel). Closing a window ends the run
     #[arg(long)]
     pub windows: bool,
-    /// Multiply all light by this [default: 1, or what suits lights in real units]
-    #[arg(long, value_name = "FACTOR", value_parser = exposure)]
-    pub exposure: Option<f32>,
+    /// Multiply all light by this, or "auto": by what the wall shows [default: 1, or what suits
+    /// lights in real units]
+    #[arg(long, value_name = "FACTOR|auto", value_parser = Brightness::parse)]
+    pub exposure: Option<Brightness>,
+    /// Surround the scene by light: an equirectangular Radiance .hdr file; or "sky", a clear sky
+    /// with the scene's sun
+    #[arg(long, value_name = "FILE|sky")]
+    pub environment: Option<String>,
+    /// Lay fog over the scene: the distance of sight in world units
+    #[arg(long, value_name = "VISIBILITY", value_parser = positive)]
+    pub fog: Option<f64>,
     /// Draw coarser levels of detail where that moves no edge by more pixels of the wall than this
     #[arg(long, value_name = "PX", default_value_t = 0.0, value_parser = bound::error_px)]
     pub error_bound: f64,
@@ -96,6 +107,12 @@ pub(super) struct Arguments {
     /// Where wall.png, channel-NAME.png and report.json go
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
+    /// Write the picture of the whole wall here too: .png or .jpg
+    #[arg(long, value_name = "FILE")]
+    pub picture: Option<PathBuf>,
+    /// What the generated town has besides
+    #[arg(skip)]
+    pub extras: TownExtras,
     /// Let something go wrong: "at 30 kill front-1-1", "every 500 stop 2s any"; may be given again
     #[arg(long, value_name = "FAULT", value_parser = faults::parse)]
     pub fault: Vec<Fault>,
@@ -143,15 +160,23 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
     for path in outputs_of(wall, out) {
         outputs::check(&path)?;
     }
-    let shown = shown(arguments.scene.as_deref())?;
-    let root = shown.file.parent().unwrap_or(Path::new("/")).to_owned();
+    if let Some(picture) = &arguments.picture {
+        image_files::check(picture)?;
+    }
+    let shown = shown_with(arguments.scene.as_deref(), arguments.extras)?;
+    let folder = |file: &Path| file.parent().unwrap_or(Path::new("/")).to_owned();
+    let mut scene_roots = vec![folder(&shown.file)];
+    let environment = arguments.environment.as_deref().map(surroundings).transpose()?;
+    if let Some(EnvironmentSource::File { path }) = &environment {
+        scene_roots.push(folder(Path::new(path)));
+    }
     let baker = manager::default_baker()?;
     let count = wall.channels.len();
     let (channels, screens) = (counted(count, "channel"), counted(wall.screens.len(), "screen"));
     say(format_args!("wall {}: {channels} on {screens}", wall.name))?;
     let options = LocalWallOptions {
         wall: wall.clone(),
-        scene_roots: vec![root],
+        scene_roots,
         baker,
         windows: arguments.windows,
         culls_occluded: !arguments.no_occlusion,
@@ -165,7 +190,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         Ok(local) => local,
         Err(error) => return broken_off(error.downcast::<Ending>()?),
     };
-    let driven = drive(&local, wall, &shown, arguments);
+    let driven = drive(&local, wall, (&shown, environment), arguments);
     match local.end.ending() {
         // What failed then failed for that reason.
         Some(ending) if !local.end.is_reported() => broken_off(ending),
@@ -208,7 +233,7 @@ fn broken_off(ending: Ending) -> anyhow::Result<ExitCode> {
 fn drive(
     local: &LocalWall,
     wall: &Wall,
-    shown: &ReferenceScene,
+    (shown, environment): (&ReferenceScene, Option<EnvironmentSource>),
     arguments: &Arguments,
 ) -> anyhow::Result<ExitCode> {
     let client = &local.client;
@@ -222,8 +247,16 @@ fn drive(
         counted(summary.triangles, "triangle")
     ))?;
     say_notes(&summary.notes)?;
-    if let Some(exposure) = arguments.exposure {
-        client.set_exposure(exposure)?;
+    if let Some(environment) = environment {
+        client.set_environment(environment)?;
+    }
+    if let Some(visibility) = arguments.fog {
+        client.set_fog(Some(Fog::even(visibility)))?;
+    }
+    match arguments.exposure {
+        Some(Brightness::Factor(factor)) => client.set_exposure(factor)?,
+        Some(Brightness::Automatic) => client.set_automatic_exposure()?,
+        None => {}
     }
     let (error_px, rate_fps) = (arguments.error_bound, arguments.rate_bound);
     client.set_bounds(QualityBounds { error_px, rate_fps })?;
@@ -255,6 +288,9 @@ fn drive(
     }
     let whole = image_files::side_by_side(&capture.screens)?;
     image_files::save_png(&arguments.out.join(WALL_PICTURE), &whole)?;
+    if let Some(picture) = &arguments.picture {
+        image_files::save(picture, &whole)?;
+    }
     let seen = Seen::in_pictures(&capture).and_never_shown(&statistics);
     let mut report = RunReport::new(&wall.name, &summary, statistics);
     report.ended = ending.into();
@@ -374,23 +410,38 @@ fn step(what: &'static str) -> ProgressBar {
     spinner
 }
 
+/// The surroundings that are asked for.
+fn surroundings(asked: &str) -> anyhow::Result<EnvironmentSource> {
+    if asked == "sky" {
+        return Ok(EnvironmentSource::Sky);
+    }
+    let file = Path::new(asked).canonicalize().with_context(|| {
+        format!("--environment {asked}: neither sky nor a file that can be found")
+    })?;
+    Ok(EnvironmentSource::File { path: file.display().to_string() })
+}
+
 /// The scene of a file, or the generated one.
 pub(super) fn shown(scene: Option<&Path>) -> anyhow::Result<ReferenceScene> {
-    let Some(scene) = scene else { return generated_town() };
+    shown_with(scene, TownExtras::default())
+}
+
+fn shown_with(scene: Option<&Path>, extras: TownExtras) -> anyhow::Result<ReferenceScene> {
+    let Some(scene) = scene else { return generated_town(extras) };
     let file = scene.canonicalize().with_context(|| scene.display().to_string())?;
     Ok(ReferenceScene { file, focus: None })
 }
 
 /// The scene of the demo, kept in this user's cache folder once it was made.
-fn generated_town() -> anyhow::Result<ReferenceScene> {
-    use crate::simulator::town::{TownOptions, generate};
-    const TOWN: TownOptions = TownOptions { blocks: 4, seed: 1 };
+fn generated_town(extras: TownExtras) -> anyhow::Result<ReferenceScene> {
+    let town = TownOptions { blocks: 4, seed: 1, extras };
     let folder = cache_folder()?.join("scenes");
     outputs::make_folder(&folder)?;
-    let path = folder.join("town.glb");
-    let bytes = generate(&TOWN)?;
+    let is_plain = extras == TownExtras::default();
+    let path = folder.join(if is_plain { "town.glb" } else { "harbour.glb" });
+    let bytes = generate(&town)?;
     // Written anew each time: it is quick, and an older version may lie there.
     outputs::write(&path, &bytes)?;
-    let (min, max) = TOWN.focus();
+    let (min, max) = town.focus();
     Ok(ReferenceScene { file: path.canonicalize()?, focus: Some(Bounds { min, max }) })
 }

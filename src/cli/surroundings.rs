@@ -54,6 +54,24 @@ enum Exposure {
     Stops(f64),
 }
 
+/// The exposure of a run: a factor, or one that is automatic.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Brightness {
+    Automatic,
+    Factor(f32),
+}
+
+impl Brightness {
+    /// Reads it as an argument.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        if text == "auto" {
+            return Ok(Self::Automatic);
+        }
+        let factor = super::exposure(text).map(Self::Factor);
+        factor.map_err(|error| format!("{error}; or write auto"))
+    }
+}
+
 /// Sets the exposure, or says how it is.
 pub(super) fn exposure(arguments: &ExposureArguments) -> anyhow::Result<()> {
     let client = arguments.manager.connect()?;
@@ -166,6 +184,16 @@ pub(super) fn fog(arguments: &FogArguments) -> anyhow::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn brightness_of_a_run_is_a_factor_or_automatic() {
+        assert_eq!(Brightness::parse("2.5"), Ok(Brightness::Factor(2.5)));
+        assert_eq!(Brightness::parse("auto"), Ok(Brightness::Automatic));
+        for text in ["", "-1", "NaN", "bright"] {
+            let error = Brightness::parse(text).expect_err(text);
+            assert!(error.ends_with("or write auto"), "{error}");
+        }
+    }
 
     #[test]
     fn exposures_are_numbers_of_a_range_or_automatic() {

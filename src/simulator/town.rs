@@ -14,6 +14,7 @@
 
 mod block;
 mod boat;
+mod bobbing;
 mod building;
 mod canvas;
 mod color;
@@ -59,6 +60,19 @@ pub struct TownOptions {
     pub blocks: u32,
     /// Another seed is another town.
     pub seed: u64,
+    /// What it has besides.
+    pub extras: TownExtras,
+}
+
+/// What a town can have besides.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TownExtras {
+    /// The sea reaches to the horizon.
+    pub has_open_sea: bool,
+    /// Boats ride on the waves: an animation.
+    pub has_waves: bool,
+    /// The sun is about to set, and lamps burn along the quay too.
+    pub is_dusk: bool,
 }
 
 impl TownOptions {
@@ -121,15 +135,15 @@ impl Error for TownError {
 /// [`TownError::Blocks`] where `blocks` is not 1 to [`BLOCKS_MAX`]; the others say that the file
 /// could not be encoded.
 pub fn generate(options: &TownOptions) -> Result<Vec<u8>, TownError> {
-    let TownOptions { blocks, seed } = *options;
+    let TownOptions { blocks, seed, extras } = *options;
     if !(1..=BLOCKS_MAX).contains(&blocks) {
         return Err(TownError::Blocks { blocks });
     }
     let ground = Heightfield::new(blocks, seed);
     let mut file = Glb::default();
     material::write_all(&mut file)?;
-    let shared = share(&mut file);
-    let mut roots = vec![sun(&mut file)];
+    let shared = share(&mut file, extras);
+    let mut roots = vec![sun(&mut file, extras)];
     let (size, rim) = (blocks as i32, rim_cells(blocks));
     for row in -1..size + rim {
         for column in -rim..size + rim {
@@ -153,8 +167,9 @@ pub fn generate(options: &TownOptions) -> Result<Vec<u8>, TownError> {
             roots.extend(block.finish());
         }
     }
-    roots.push(quay::write(&mut file, &ground, blocks, seed));
-    roots.push(water::write(&mut file, &ground));
+    let lamp = extras.is_dusk.then_some((shared.lamp, shared.lamp_light));
+    roots.push(quay::write(&mut file, &ground, &quay::Harbour { blocks, seed, extras, lamp }));
+    roots.push(water::write(&mut file, &ground, extras.has_open_sea));
     file.finish(&roots)
 }
 
@@ -165,23 +180,23 @@ fn has_church(size: i32, [column, row]: [i32; 2]) -> bool {
     size > 1 && column % parish == middle[0] && row % parish == middle[1]
 }
 
-fn share(file: &mut Glb) -> Shared {
+fn share(file: &mut Glb, extras: TownExtras) -> Shared {
     let houses = building::CATALOGUE.iter().enumerate();
     Shared {
         houses: houses.map(|(n, d)| file.add_mesh(&format!("house-{n}"), &d.model())).collect(),
         trees: Tree::ALL.map(|tree| file.add_mesh(tree.name(), &tree.model())),
         lamp: file.add_mesh("lamp", &lamp::model()),
-        lamp_light: file.add_light(lamp::light()),
+        lamp_light: file.add_light(lamp::light(extras.is_dusk)),
         church: file.add_mesh("church", &landmark::church()),
     }
 }
 
-/// A sun over the sea, to the left of one who looks at the town, 40° high.
-fn sun(file: &mut Glb) -> usize {
-    let light = file.add_light(lamp::sun());
+/// A sun over the sea, to the left of one who looks at the town, 40° high; 5° at dusk.
+fn sun(file: &mut Glb, extras: TownExtras) -> usize {
+    let light = file.add_light(lamp::sun(extras.is_dusk));
     let mut node = Node::new("sun", Placement::at(Vec3::new(0.0, 200.0, 0.0)));
     node.light = Some(light);
     node.placement.turn = -0.115;
-    node.tilt = -0.11;
+    node.tilt = if extras.is_dusk { -0.014 } else { -0.11 };
     file.add_node(&node)
 }

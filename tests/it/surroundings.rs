@@ -9,9 +9,11 @@ use polyptych_client::{Camera, ChannelState, EnvironmentSource, ToneMapper};
 use serde_json::json;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, screen_of, shot, small};
-use crate::harness::pictures::{IDENTICAL, check};
+use crate::harness::pictures::{IDENTICAL, check, read};
 use crate::harness::place::TestDir;
 use crate::harness::scenes::Gltf;
+use crate::harness::simulation::Simulation;
+use crate::harness::wait;
 
 const VIEW: Camera = Camera { position: DVec3::new(0.3, 0.3, 1.5), ..Camera::IDENTITY };
 
@@ -178,4 +180,57 @@ fn fog_hides_what_is_far_on_all_displays_until_it_is_taken_away() {
     assert!(picture(&client) == dense, "what is refused changes nothing");
     local.run(&["fog", "none"]).succeeded();
     check("without", &picture(&client), &clear, &IDENTICAL);
+}
+
+#[test]
+fn a_simulation_has_the_surroundings_that_it_is_given() {
+    let run = |arguments: &[&str]| {
+        let place = TestDir::new();
+        let scene = place.write("scene/triangle.glb", triangle());
+        let studio = place.write("light/studio.hdr", hdr()).display().to_string();
+        let picture = place.path("wall.jpg").display().to_string();
+        let given = |argument: &&str| match *argument {
+            "STUDIO" => studio.clone(),
+            "PICTURE" => picture.clone(),
+            other => other.to_owned(),
+        };
+        let arguments: Vec<String> = arguments.iter().map(given).collect();
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        let arguments = [&["--frames", "1"], &arguments[..]].concat();
+        let mut simulation = Simulation::start(place, &small(1, 1), &scene, &arguments);
+        simulation.process.finish(wait::LIMIT).succeeded();
+        (read(&simulation.place.path("out/wall.png")), simulation)
+    };
+    let mut pictures = Vec::new();
+    for arguments in [
+        &["--picture", "PICTURE"][..],
+        &["--environment", "sky"],
+        // In a folder that is not the scene's.
+        &["--environment", "STUDIO"],
+        &["--fog", "1"],
+        &["--exposure", "auto"],
+    ] {
+        let (picture, simulation) = run(arguments);
+        assert!(!pictures.contains(&picture), "{arguments:?} changes nothing");
+        if let ["--picture", _] = arguments {
+            let jpeg = image::open(simulation.place.path("wall.jpg")).expect("a picture");
+            let jpeg = jpeg.into_rgba8();
+            assert_eq!(jpeg.dimensions(), picture.dimensions());
+            let parts = || jpeg.as_raw().iter().zip(picture.as_raw());
+            let sum: u64 = parts().map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
+            assert!(sum / (parts().count() as u64) < 4, "the same picture");
+        }
+        pictures.push(picture);
+    }
+    let place = TestDir::new();
+    let scene = place.write("triangle.glb", triangle()).display().to_string();
+    let wall = place.write("wall.toml", polyptych_wall_file::to_toml(&small(1, 1)));
+    let wall = wall.display().to_string();
+    let refused = |arguments: [&str; 2]| {
+        place.run([&["simulate", &wall, &scene], &arguments[..]].concat()).output
+    };
+    let said = refused(["--environment", "gone.hdr"]);
+    assert!(said.contains("gone.hdr") && said.contains("neither sky nor a file"), "{said}");
+    let said = refused(["--picture", "wall.gif"]);
+    assert!(said.contains("wall.gif") && said.contains(".png or .jpg"), "{said}");
 }

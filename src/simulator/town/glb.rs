@@ -8,6 +8,7 @@ use glam::Vec3;
 use serde_json::{Map, Value, json};
 
 use super::TownError;
+use super::bobbing::{self, KEYS, LENGTH_S, MOTIONS};
 use super::material::Material;
 use super::surface::{MeshBuffer, Model};
 use super::trig::sin_cos;
@@ -103,6 +104,8 @@ pub(super) struct Glb {
     images: Vec<(String, Vec<u8>)>,
     accessors: Vec<Value>,
     lights: Vec<Value>,
+    /// Nodes that ride on waves.
+    bobbing: Vec<usize>,
     pools: [Vec<u8>; Pool::COUNT],
 }
 
@@ -174,6 +177,36 @@ impl Glb {
         self.nodes.len() - 1
     }
 
+    /// Lets a node ride on waves in the space of its parent.
+    pub fn add_bobbing(&mut self, node: usize) {
+        self.bobbing.push(node);
+    }
+
+    /// The animation of all that rides on waves: some motions, one for each node in turn.
+    fn waves(&mut self) -> Value {
+        let times: Vec<f32> = (0..KEYS).map(bobbing::time_s).collect();
+        let input = self.add_accessor(Pool::Scales, &floats_of(&times), KEYS, F32, "SCALAR");
+        self.accessors[input]["max"] = json!([LENGTH_S]);
+        self.accessors[input]["min"] = json!([0.0]);
+        let mut samplers = Vec::new();
+        for motion in 0..MOTIONS {
+            let poses: Vec<_> = (0..KEYS).map(|key| bobbing::pose(motion, key)).collect();
+            let places: Vec<Vec3> = poses.iter().map(|pose| pose.translation).collect();
+            let places = self.add_vec3s(Pool::Places, &places);
+            let turns: Vec<u8> = poses.iter().flat_map(|pose| floats_of(&pose.rotation)).collect();
+            let turns = self.add_accessor(Pool::Rotations, &turns, KEYS, F32, "VEC4");
+            samplers.extend([places, turns].map(|of| json!({ "input": input, "output": of })));
+        }
+        let channels = self.bobbing.iter().enumerate().flat_map(|(number, node)| {
+            let first = number % MOTIONS * 2;
+            [(first, "translation"), (first + 1, "rotation")].map(|(sampler, path)| {
+                json!({ "sampler": sampler, "target": { "node": node, "path": path } })
+            })
+        });
+        let channels: Vec<Value> = channels.collect();
+        json!([{ "channels": channels, "name": "waves", "samplers": samplers }])
+    }
+
     /// How many nodes there are.
     pub fn node_count(&self) -> usize {
         self.nodes.len()
@@ -242,7 +275,7 @@ impl Glb {
         accessor.insert("byteOffset".into(), json!(offset));
         accessor.insert("componentType".into(), json!(component));
         accessor.insert("count".into(), json!(count));
-        if pool as usize == Pool::Positions as usize {
+        if pool as usize == Pool::Positions as usize || (component, kind) == (F32, "SCALAR") {
             accessor.insert("max".into(), Value::Null);
             accessor.insert("min".into(), Value::Null);
         }
@@ -284,6 +317,7 @@ impl Glb {
 
     /// The whole file, with the given nodes at the root of its scene.
     pub fn finish(mut self, roots: &[usize]) -> Result<Vec<u8>, TownError> {
+        let animations = (!self.bobbing.is_empty()).then(|| self.waves());
         let (mut bytes, views) = self.buffer();
         let image = |(n, (name, _)): (usize, &(String, Vec<u8>))| {
             let view = Pool::COUNT + n;
@@ -292,7 +326,7 @@ impl Glb {
         let images: Vec<Value> = self.images.iter().enumerate().map(image).collect();
         let textures: Vec<Value> =
             (0..images.len()).map(|n| json!({ "sampler": 0, "source": n })).collect();
-        let document = json!({
+        let mut document = json!({
             "accessors": self.accessors,
             "asset": { "generator": "polyptych", "version": "2.0" },
             "bufferViews": views,
@@ -309,6 +343,9 @@ impl Glb {
             "scenes": [{ "name": "town", "nodes": roots }],
             "textures": textures,
         });
+        if let (Some(animations), Some(keys)) = (animations, document.as_object_mut()) {
+            keys.insert("animations".into(), animations);
+        }
         let mut text = serde_json::to_vec(&document).map_err(TownError::Json)?;
         pad(&mut text, b' ');
         pad(&mut bytes, 0);

@@ -31,22 +31,24 @@ pub(super) fn model() -> Model {
     model
 }
 
-/// Warm, as by sodium; it ends after 12 m.
-pub(super) fn light() -> Value {
+/// Warm, as by sodium; it ends after 12 m, and at dusk, when eyes are used to less, after 20 m.
+pub(super) fn light(is_dusk: bool) -> Value {
+    let (intensity, range) = if is_dusk { (28.0, 20.0) } else { (14.0, 12.0) };
     json!({
         "color": [1.0, 0.625, 0.25],
-        "intensity": 14.0,
+        "intensity": intensity,
         "name": "street-lamp",
-        "range": 12.0,
+        "range": range,
         "type": "point",
     })
 }
 
-/// The sun of a late morning; it shines along -Z of its node.
-pub(super) fn sun() -> Value {
+/// The sun of a late morning, or one that is about to set; it shines along -Z of its node.
+pub(super) fn sun(is_dusk: bool) -> Value {
+    let color = if is_dusk { [1.0, 0.5, 0.25] } else { [1.0, 0.9375, 0.8125] };
     json!({
-        "color": [1.0, 0.9375, 0.8125],
-        "intensity": 3.25,
+        "color": color,
+        "intensity": if is_dusk { 0.75 } else { 3.25 },
         "name": "sun",
         "type": "directional",
     })

@@ -5,11 +5,12 @@ use glam::{Vec3, vec3};
 use super::color::{Color, srgb};
 use super::glb::{Glb, Node, Placement};
 use super::heightfield::{BLOCK, Heightfield, QUAY_HEIGHT};
+use super::lamp::LAMP_HEIGHT;
 use super::material::Material;
 use super::random::Random;
 use super::surface::{Extent, Hidden, LocalFrame, Model};
 use super::terrain::LINES;
-use super::{boat, landmark};
+use super::{TownExtras, boat, landmark};
 
 /// From the first street to the water, in metres.
 const APRON: f32 = 8.0;
@@ -112,7 +113,12 @@ fn cargo() -> Model {
 }
 
 /// Boats along the quay of one block.
-fn moor(file: &mut Glb, meshes: &[usize; 3], middle: f32, random: &mut Random) -> Vec<usize> {
+fn moor(
+    file: &mut Glb,
+    (meshes, has_waves): (&[usize; 3], bool),
+    middle: f32,
+    random: &mut Random,
+) -> Vec<usize> {
     let mut nodes = Vec::new();
     for berth in 0..4 {
         if random.chance(0.15) {
@@ -135,13 +141,18 @@ fn moor(file: &mut Glb, meshes: &[usize; 3], middle: f32, random: &mut Random) -
             scale: Vec3::splat(random.between(0.92, 1.08)),
         };
         let name = format!("boat-{}", file.node_count());
-        nodes.push(file.add_node(&Node::with_mesh(name, placement, meshes[kind])));
+        nodes.push(afloat(file, name, placement, meshes[kind], has_waves));
     }
     nodes
 }
 
 /// Sails in the roads.
-fn sails(file: &mut Glb, mesh: usize, ground: &Heightfield, random: &mut Random) -> Vec<usize> {
+fn sails(
+    file: &mut Glb,
+    (mesh, has_waves): (usize, bool),
+    ground: &Heightfield,
+    random: &mut Random,
+) -> Vec<usize> {
     let count = 3 + (ground.half_width / 160.0) as usize;
     let mut nodes = Vec::new();
     for n in 0..count {
@@ -153,13 +164,53 @@ fn sails(file: &mut Glb, mesh: usize, ground: &Heightfield, random: &mut Random)
             scale: Vec3::splat(random.between(0.95, 1.15)),
         };
         let name = format!("sail-{n}");
-        nodes.push(file.add_node(&Node::with_mesh(name, placement, mesh)));
+        nodes.push(afloat(file, name, placement, mesh, has_waves));
     }
     nodes
 }
 
+/// Adds a boat at its berth. On waves its hull is a node of its own, which moves.
+fn afloat(file: &mut Glb, name: String, berth: Placement, mesh: usize, has_waves: bool) -> usize {
+    if !has_waves {
+        return file.add_node(&Node::with_mesh(name, berth, mesh));
+    }
+    let hull = Node::with_mesh(format!("{name}-hull"), Placement::at(Vec3::ZERO), mesh);
+    let hull = file.add_node(&hull);
+    file.add_bobbing(hull);
+    let mut node = Node::new(name, berth);
+    node.children = vec![hull];
+    file.add_node(&node)
+}
+
+/// Lamps along the quay of one block.
+fn light_up(
+    file: &mut Glb,
+    (mesh, light): (usize, usize),
+    block: u32,
+    middle: f32,
+) -> impl Iterator<Item = usize> {
+    [-10.0, 10.0].into_iter().zip(["left", "right"]).map(move |(x, side)| {
+        let place = vec3(middle + x, QUAY_HEIGHT + LAMP_HEIGHT, APRON - 2.2);
+        let mut node =
+            Node::with_mesh(format!("quay-lamp-{block}-{side}"), Placement::at(place), mesh);
+        node.light = Some(light);
+        file.add_node(&node)
+    })
+}
+
+/// Which harbour.
+#[derive(Debug)]
+pub(super) struct Harbour {
+    pub blocks: u32,
+    pub seed: u64,
+    pub extras: TownExtras,
+    /// The mesh and the light of lamps that burn along the quay.
+    pub lamp: Option<(usize, usize)>,
+}
+
 /// Adds the harbour and gives its node.
-pub(super) fn write(file: &mut Glb, ground: &Heightfield, blocks: u32, seed: u64) -> usize {
+pub(super) fn write(file: &mut Glb, ground: &Heightfield, of: &Harbour) -> usize {
+    let Harbour { blocks, seed, extras: TownExtras { has_waves, .. }, lamp } = *of;
     let mut random = Random::new(seed, 301);
     let apron = file.add_mesh("quay", &apron());
     let cargo = file.add_mesh("cargo", &cargo());
@@ -172,9 +223,12 @@ pub(super) fn write(file: &mut Glb, ground: &Heightfield, blocks: u32, seed: u64
         children.push(file.add_node(&quay));
         let place = Placement { turn: random.unit(), ..at(6.0, QUAY_HEIGHT, 4.5) };
         children.push(file.add_node(&Node::with_mesh(format!("cargo-{block}"), place, cargo)));
-        children.extend(moor(file, &boats, middle, &mut random));
+        children.extend(moor(file, (&boats, has_waves), middle, &mut random));
+        if let Some(lamp) = lamp {
+            children.extend(light_up(file, lamp, block, middle));
+        }
     }
-    children.extend(sails(file, boats[2], ground, &mut random));
+    children.extend(sails(file, (boats[2], has_waves), ground, &mut random));
     for (name, side) in [("mole-east", 1.0), ("mole-west", -1.0)] {
         let mesh = file.add_mesh(name, &mole(side));
         let place = Placement::at(vec3(ground.half_width * side, 0.0, 0.0));

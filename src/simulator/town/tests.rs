@@ -4,11 +4,16 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-use super::{TownError, TownOptions, generate};
+use super::{TownError, TownExtras, TownOptions, generate};
 
 /// Bytes and FNV-1a of the town of two blocks and seed 1. Whoever changes the town, or the version
 /// of the PNG encoder, writes the new ones here, so that it does not happen unseen.
 const PINNED: (usize, u64) = (2651168, 0xd93b_f9fd_0bca_5cf5);
+
+/// The same of the town that has everything besides.
+const PINNED_WITH_ALL: (usize, u64) = (0, 0);
+
+const ALL: TownExtras = TownExtras { has_open_sea: true, has_waves: true, is_dusk: true };
 
 struct File {
     json: Value,
@@ -16,7 +21,7 @@ struct File {
 }
 
 fn town(blocks: u32, seed: u64) -> Vec<u8> {
-    generate(&TownOptions { blocks, seed }).unwrap()
+    generate(&TownOptions { blocks, seed, extras: TownExtras::default() }).unwrap()
 }
 
 fn u32_at(bytes: &[u8], at: usize) -> usize {
@@ -102,6 +107,80 @@ fn same_seed_gives_the_same_bytes_for_ever() {
     assert!(bytes == town(2, 1), "two runs differ");
     let found = (bytes.len(), fingerprint(&bytes));
     assert_eq!(found, PINNED, "the town has changed: if so intended, pin {found:#x?}");
+}
+
+#[test]
+fn a_town_with_everything_gives_the_same_bytes_for_ever() {
+    let town = || generate(&TownOptions { blocks: 2, seed: 1, extras: ALL }).unwrap();
+    let bytes = town();
+    assert!(bytes == town(), "two runs differ");
+    let found = (bytes.len(), fingerprint(&bytes));
+    assert_eq!(found, PINNED_WITH_ALL, "the town has changed: if so intended, pin {found:#x?}");
+    assert!(bytes.len() < PINNED.0 + (64 << 10), "{} bytes more", bytes.len() - PINNED.0);
+}
+
+#[test]
+fn boats_ride_on_waves_that_go_on_where_they_began() {
+    let file = parse(&generate(&TownOptions { blocks: 3, seed: 1, extras: ALL }).unwrap());
+    let [clip] = list(&file.json, "animations") else { panic!("one animation") };
+    let nodes = list(&file.json, "nodes");
+    let named = |node: &Value, part: &str| node["name"].as_str().unwrap().contains(part);
+    let hulls = nodes.iter().filter(|node| named(node, "-hull")).count();
+    assert!(hulls > 8, "{hulls} boats");
+    let channels = list(clip, "channels");
+    assert_eq!(channels.len(), 2 * hulls);
+    for channel in channels {
+        assert!(named(&nodes[number(&channel["target"]["node"])], "-hull"));
+        let sampler = &list(clip, "samplers")[number(&channel["sampler"])];
+        let times = file.floats(&sampler["input"]);
+        assert!(times.is_sorted() && times[0] == 0.0 && times.last() == Some(&12.0));
+        let values = file.floats(&sampler["output"]);
+        let width = values.len() / times.len();
+        assert_eq!(values[..width], values[values.len() - width..], "it ends as it begins");
+        for value in values.chunks_exact(width) {
+            if width == 3 {
+                assert!(value.iter().all(|metres| metres.abs() < 0.1), "{value:?}");
+            } else {
+                let square: f32 = value.iter().map(|part| part * part).sum();
+                assert!((square - 1.0).abs() < 1e-6 && value[3] > 0.999, "{value:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_open_sea_surrounds_the_tiles_to_the_horizon() {
+    let town = |extras| parse(&generate(&TownOptions { blocks: 2, seed: 1, extras }).unwrap());
+    let sea = TownExtras { has_open_sea: true, ..TownExtras::default() };
+    let (with, without) = (town(sea), town(TownExtras::default()));
+    assert!(list(&without.json, "meshes").iter().all(|mesh| mesh["name"] != "water-open"));
+    let mut meshes = list(&with.json, "meshes").iter();
+    let open = meshes.find(|mesh| mesh["name"] == "water-open").unwrap();
+    let primitive = &open["primitives"][0];
+    let points = with.floats(&primitive["attributes"]["POSITION"]);
+    for axis in [0, 2] {
+        let lines = || points.iter().skip(axis).step_by(3).copied();
+        assert_eq!(lines().fold(f32::INFINITY, f32::min), -16384.0);
+        assert_eq!(lines().fold(f32::NEG_INFINITY, f32::max), 16384.0);
+    }
+    // All but the middle of 7 by 7 cells, which faces up.
+    assert_eq!(with.indices(&primitive["indices"]).len(), 48 * 6);
+    for face in with.indices(&primitive["indices"]).chunks_exact(3) {
+        let [a, b, c] =
+            [face[0], face[1], face[2]].map(|at| glam::Vec3::from_slice(&points[at * 3..]));
+        assert!((b - a).cross(c - a).y > 0.0, "{a} {b} {c}");
+    }
+}
+
+#[test]
+fn lamps_burn_along_the_quay_at_dusk_only() {
+    let lamps = |extras| {
+        let file = parse(&generate(&TownOptions { blocks: 3, seed: 1, extras }).unwrap());
+        let is_lamp = |node: &&Value| node["name"].as_str().unwrap().starts_with("quay-lamp");
+        list(&file.json, "nodes").iter().filter(is_lamp).count()
+    };
+    let dusk = TownExtras { is_dusk: true, ..TownExtras::default() };
+    assert_eq!((lamps(dusk), lamps(TownExtras::default())), (6, 0));
 }
 
 #[test]
@@ -216,7 +295,7 @@ fn lamps_are_at_most_four_a_block() {
 #[test]
 fn impossible_sizes_are_refused() {
     for blocks in [0, 129] {
-        let refused = generate(&TownOptions { blocks, seed: 1 });
+        let refused = generate(&TownOptions { blocks, seed: 1, extras: ALL });
         assert!(matches!(refused, Err(TownError::Blocks { .. })));
         let said = refused.unwrap_err().to_string();
         assert!(said.contains("1 to 128"), "{said}");

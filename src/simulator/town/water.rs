@@ -14,6 +14,11 @@ const TILE: f32 = 80.0;
 const STRIPS: usize = 4;
 /// Sea around the land, in tiles.
 const MARGIN: i32 = 1;
+/// From the middle to the end of the open sea, in metres: as far as one sees from a hill of 20 m.
+const HORIZON: f32 = 16_384.0;
+/// How far the open sea reaches under the tiles, and how much lower it lies, in metres.
+const UNDER: f32 = 4.0;
+const LOWER: f32 = 0.0625;
 /// Beyond this distance from the land all tiles are one mesh.
 const SHOAL: f32 = 100.0;
 
@@ -67,8 +72,41 @@ fn is_inland(ground: &Heightfield, middle: Vec3) -> bool {
     })
 }
 
+/// Adds the open sea around tiles that reach to these lines, first and last of x and of z, out to
+/// [`HORIZON`]. It lies a little lower and reaches under them, so that no gap is seen between.
+fn open_sea(file: &mut Glb, [columns, rows]: [[f32; 2]; 2]) -> usize {
+    let lines = |[first, last]: [f32; 2]| {
+        let (first, last) = (first + UNDER, last - UNDER);
+        // Cells grow with the distance.
+        let (before, after) = ((first - 80.0).min(-1024.0), (last + 80.0).max(1024.0));
+        let (far, beyond) = ((before - 80.0).min(-4096.0), (after + 80.0).max(4096.0));
+        [-HORIZON, far, before, first, last, after, beyond, HORIZON]
+    };
+    let (xs, zs) = (lines(columns), lines(rows));
+    let mut model = Model::default();
+    let surface = model.of(Material::Water);
+    let deep = srgb(0x1a5066);
+    for &z in &zs {
+        for &x in &xs {
+            let uv = vec2(x, z) / Material::Water.repeat();
+            surface.vertex(vec3(x, 0.0, z), Vec3::Y, uv, deep);
+        }
+    }
+    let at = |i: usize, j: usize| j * xs.len() + i;
+    for j in 0..zs.len() - 1 {
+        for i in 0..xs.len() - 1 {
+            if (i, j) != (3, 3) {
+                surface.quad([at(i, j + 1), at(i + 1, j + 1), at(i + 1, j), at(i, j)]);
+            }
+        }
+    }
+    let mesh = file.add_mesh("water-open", &model);
+    let place = Placement::at(vec3(0.0, -LOWER, 0.0));
+    file.add_node(&Node::with_mesh("water-open", place, mesh))
+}
+
 /// Adds the sea and gives its node.
-pub(super) fn write(file: &mut Glb, ground: &Heightfield) -> usize {
+pub(super) fn write(file: &mut Glb, ground: &Heightfield, has_open_sea: bool) -> usize {
     let reach = |metres: f32| (metres / TILE).ceil() as i32 + MARGIN;
     let columns = reach(ground.half_width + ground.rim);
     let rows = [-reach(ground.depth + ground.rim), reach(BLOCK)];
@@ -98,6 +136,11 @@ pub(super) fn write(file: &mut Glb, ground: &Heightfield) -> usize {
         let mut far = Node::with_mesh("water-far", Placement::at(Vec3::ZERO), far);
         far.instances = open;
         children.push(file.add_node(&far));
+    }
+    if has_open_sea {
+        let line = |tiles: i32| tiles as f32 * TILE;
+        let around = [[line(-columns), line(columns)], rows.map(line)];
+        children.push(open_sea(file, around));
     }
     let mut sea = Node::new("sea", Placement::at(Vec3::ZERO));
     sea.children = children;
