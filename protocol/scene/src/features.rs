@@ -87,7 +87,7 @@ impl SceneFeatures {
             clearcoat: extends(|of| of.clearcoat.is_some()),
             sheen: extends(|of| of.sheen.is_some()),
             transmission: extends(|of| of.transmission.is_some()),
-            volume: extends(|of| of.has_volume()),
+            volume: extends(super::MaterialExtensions::has_volume),
             dispersion: extends(|of| {
                 of.transmission.is_some()
                     && of.volume.as_ref().is_some_and(|of| of.dispersion > 0.0)
