@@ -109,7 +109,7 @@ pub(crate) struct Cascade {
     pub texel: f64,
     /// The distance to the viewer below which the map has all points; infinite of the widest.
     pub radius: f64,
-    /// A sphere around all points of the finer maps that are looked up here.
+    /// A sphere around all points that are looked up here: without end of the widest.
     pub around: (DVec3, f64),
     pub levels: CasterLevels,
 }
@@ -212,7 +212,7 @@ impl Light {
             depth: self.depth,
             texel,
             radius: if is_widest { f64::INFINITY } else { radius },
-            around: (eye, radius + way),
+            around: (eye, if is_widest { f64::INFINITY } else { radius + way }),
             levels: CasterLevels::new(view, eye, way),
         }
     }

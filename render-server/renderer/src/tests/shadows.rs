@@ -369,3 +369,26 @@ fn shadows_far_from_the_origin_look_the_same() {
     println!("{more_than_8} of {} by more than 8 levels", near.len());
     assert!(more_than_8 * 200 <= near.len(), "{more_than_8}");
 }
+
+#[test]
+fn a_viewer_who_is_far_from_a_scene_sees_its_shadows() {
+    let mut stage = SceneFixture::new();
+    let grey = stage.material(grey());
+    let floor = stage.mesh(&MeshFixture::rectangle(3.0, 3.0), Some(grey));
+    let shape = stage.mesh(&cube(), Some(grey));
+    stage.node(floor, DAffine3::from_rotation_x(-std::f64::consts::FRAC_PI_2));
+    stage.node(shape, DAffine3::from_translation(DVec3::Y));
+    sun(&mut stage, toward(45.0, 200.0));
+    let scene = stage.build();
+    let dark_at = |away: f64| {
+        let view = look(DVec3::new(0.3, 0.5, 1.0).normalize() * away, DVec3::ZERO, SIZE);
+        let bright = draw(&scene, SIZE, &ViewDesc { has_shadows: false, ..view.clone() });
+        let dark = draw(&scene, SIZE, &view);
+        differences(&dark, &bright)[2] as f64 * away * away
+    };
+    let near = dark_at(9.0);
+    for away in [20.0, 40.0] {
+        let far = dark_at(away);
+        assert!((far / near - 1.0).abs() < 0.2, "{far} instead of {near} at {away}");
+    }
+}
