@@ -125,8 +125,8 @@ fn filmy(material: Material, part: f64, (ior, nanometres): (f64, f64)) -> Materi
 
 const FILMS: [(f64, f64); 4] = [(1.3, 400.0), (1.8, 250.0), (1.33, 900.0), (2.0, 320.0)];
 
-/// The extension's `iridescent_dielectric_layer` and `iridescent_conductor_layer`, times π, with the
-/// layers compensated for light that meets several facets.
+/// The extension's `iridescent_dielectric_layer` and `iridescent_conductor_layer`, times π, with
+/// the layers compensated for light that meets several facets.
 fn brdf(
     [base, metallic, roughness]: [f64; 3],
     (part, of): (f64, (f64, f64)),
