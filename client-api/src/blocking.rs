@@ -15,6 +15,7 @@
 //! # Ok(()) }
 //! ```
 
+mod captures;
 mod clips;
 mod exports;
 mod quality;

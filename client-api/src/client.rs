@@ -24,7 +24,6 @@ use crate::connect::{ConnectOptions, connect_over, connect_tcp};
 use crate::connection_handle::{ConnectionHandle, Wanted};
 use crate::error::{ClientError, wrong_answer};
 use crate::feedback::FeedbackStream;
-use crate::image::{Capture, ChunkSink, ImageAssembler};
 use crate::pending::Pending;
 
 /// A connection with a wall's manager.
@@ -368,37 +367,6 @@ impl Client {
         match self.request(Request::Tune { channel: channel.into(), changes }).await? {
             Response::Tuned(tuned) => Ok(tuned),
             other => Err(wrong_answer("tune the channel", &other)),
-        }
-    }
-
-    /// Draws and shows one frame, and returns its pictures: each screen as it hangs on the wall,
-    /// and each channel.
-    ///
-    /// # Errors
-    /// [`ClientError`]; [`ClientError::CaptureTooLarge`] where the pictures take more than
-    /// [`ConnectOptions::capture_bytes_max`].
-    pub async fn capture(&self) -> Result<Capture, ClientError> {
-        self.capture_at(None).await
-    }
-
-    /// Captures with the scene's time set to `time_s` seconds where given: frames
-    /// at equal steps of it make a film, however long each takes.
-    ///
-    /// # Errors
-    /// Those of [`Client::capture`].
-    pub async fn capture_at(&self, time_s: Option<f64>) -> Result<Capture, ClientError> {
-        let pictures = ImageAssembler::new(self.link.shared.capture_bytes_max());
-        let pictures = ChunkSink::Pictures(pictures);
-        let mut pending = self.link.post(
-            Request::Capture { time_s },
-            Wanted { parts: Some(pictures), ..Wanted::default() },
-        )?;
-        let answered = std::future::poll_fn(|context| pending.poll_answered(context)).await?;
-        match (answered.reply, answered.parts) {
-            (Response::Captured(captured), Some(ChunkSink::Pictures(parts))) => {
-                parts.assemble(captured)
-            }
-            (other, _) => Err(wrong_answer("capture the wall", &other)),
         }
     }
 

@@ -96,7 +96,7 @@ impl Timeouts {
             Request::OpenScene { .. }
             | Request::OpenOutcome { .. }
             | Request::ExportScene { .. } => self.open_scene,
-            Request::Capture { .. } => self.capture,
+            Request::Capture { .. } | Request::Preview => self.capture,
             _ => self.other,
         }
     }

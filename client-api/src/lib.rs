@@ -37,6 +37,7 @@
 mod assets;
 pub mod blocking;
 mod camera;
+mod captures;
 mod client;
 mod clips;
 mod connect;

@@ -212,6 +212,10 @@ pub enum Request {
     SetAutomaticExposure,
     /// Lays fog over what cameras see, from the next frame on; `None` takes it away.
     SetFog(Option<Fog>),
+    /// Sends pictures as [`Request::Capture`] does, for a person who watches: of the next frame
+    /// that the wall draws by itself, or of the last one, drawn once more at its own scene time.
+    /// The frame waits for no channel longer than others do.
+    Preview,
 }
 
 impl Request {
@@ -228,6 +232,7 @@ impl Request {
             Self::Run(_) => "run",
             Self::Pause => "pause",
             Self::Capture { .. } => "capture the wall",
+            Self::Preview => "preview the wall",
             Self::Status => "read the status",
             Self::DescribeWall => "read the wall's description",
             Self::Statistics { .. } => "read the statistics",
@@ -321,7 +326,8 @@ pub enum Response {
     /// To [`Request::RenderFrame`], [`Request::SetDisplays`] and [`Request::SetPattern`]: the frame
     /// from which on it holds.
     Frame(FrameFeedback),
-    /// To [`Request::Capture`]: which frame, and the pictures that were sent before this.
+    /// To [`Request::Capture`] and [`Request::Preview`]: which frame, and the pictures that were
+    /// sent before this.
     Captured(CaptureInfo),
     /// To [`Request::Status`].
     Status(Box<WallStatus>),

@@ -34,6 +34,8 @@ pub(super) struct FrameRequest {
     pub camera: Option<Camera>,
     pub time_s: Option<f64>,
     pub capture: bool,
+    /// `true` for pictures that a person watches: neither scene time nor others wait for them.
+    pub is_preview: bool,
     /// What holds from this frame on, where it is ordered for that.
     pub wish: Option<OutputChange>,
 }
@@ -48,7 +50,7 @@ pub(super) enum OutputChange {
 impl FrameRequest {
     /// A frame of the wall as it stands.
     pub fn unchanged(job: ClientRequest) -> Self {
-        Self { job, camera: None, time_s: None, capture: false, wish: None }
+        Self { job, camera: None, time_s: None, capture: false, is_preview: false, wish: None }
     }
 }
 
@@ -206,7 +208,8 @@ impl Cluster {
         // that moves is not, as it would hold up those who have warmed up long ago.
         let (length, longest) = (self.deadline.length(), self.deadline.longest());
         let is_warming = !is_all_late && !is_warm;
-        let wait = if is_warming || is_catching_up || capture { longest } else { length };
+        let is_patient = capture && !order.as_ref().is_some_and(|order| order.is_preview);
+        let wait = if is_warming || is_catching_up || is_patient { longest } else { length };
         let patience = if is_all_late { longest } else { wait };
         self.pacer.frame_started(now, !waited.is_empty());
         let is_metered = self.expose(now, &waited);
@@ -280,7 +283,7 @@ impl Cluster {
 
     /// Returns whether scene time goes on with a frame: it is asked for, or comes by itself.
     pub(super) fn is_timed(&self, order: Option<&FrameRequest>) -> bool {
-        order.is_some() || self.pacer.pace().is_some()
+        order.is_some_and(|order| !order.is_preview) || self.pacer.pace().is_some()
     }
 
     /// What an order asks for beside its frame holds from this frame on.

@@ -78,6 +78,7 @@ impl Cluster {
             Request::SetEnvironment(source) => return self.set_environment(now, job, source),
             frame @ (Request::RenderFrame { .. }
             | Request::Capture { .. }
+            | Request::Preview
             | Request::SetDisplays(_)
             | Request::SetPattern(_)) => return self.order_frame(job, &frame),
             Request::Tune { channel, changes } => {
@@ -225,6 +226,7 @@ impl Cluster {
                 order.time_s = time_s;
             }
             Request::Capture { time_s } => (order.capture, order.time_s) = (true, time_s),
+            Request::Preview => (order.capture, order.is_preview) = (true, true),
             Request::SetDisplays(mode) => order.wish = Some(OutputChange::Displays(mode)),
             Request::SetPattern(pattern) => order.wish = Some(OutputChange::Pattern(pattern)),
             _ => {}

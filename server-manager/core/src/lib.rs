@@ -435,8 +435,10 @@ impl Cluster {
         }
     }
 
+    /// Returns whether a frame must begin before its beat. Previews wait for the beat.
     fn is_asked_for_a_frame(&self) -> bool {
-        self.wants_frame || !self.orders.is_empty()
+        let is_quick = self.pacer.is_quick();
+        self.wants_frame || self.orders.iter().any(|order| !(order.is_preview && is_quick))
     }
 
     fn command(&mut self, to: Vec<SessionId>, command: Command) {

@@ -35,6 +35,15 @@ impl Pacer {
         self.next_start().is_some_and(|next| next <= now.saturating_add(BEAT_WAIT_MAX))
     }
 
+    /// Returns whether frames begin by themselves at least once in [`BEAT_WAIT_MAX`].
+    pub fn is_quick(&self) -> bool {
+        match self.pace {
+            None => false,
+            Some(Pacing::Free) => true,
+            Some(Pacing::Rate(rate)) => 1e6 / rate <= BEAT_WAIT_MAX as f64,
+        }
+    }
+
     pub fn is_due(&self, now: Micros) -> bool {
         self.pace.is_some() && now >= self.next
     }

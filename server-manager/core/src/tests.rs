@@ -12,6 +12,7 @@ mod found;
 mod hostile;
 mod navigation;
 mod pipelining;
+mod previews;
 mod progress;
 mod random;
 mod sight;

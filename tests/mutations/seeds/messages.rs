@@ -258,6 +258,7 @@ fn calls() -> Vec<RequestMessage> {
         Request::Run(Pacing::Rate(60.0)),
         Request::Pause,
         Request::Capture { time_s: None },
+        Request::Preview,
         Request::Status,
         Request::DescribeWall,
         Request::Statistics { reset: true },
