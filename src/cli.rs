@@ -13,7 +13,9 @@ mod displays;
 mod examples;
 mod film;
 mod gallery;
+mod http;
 mod keys;
+mod login;
 mod manager;
 mod node;
 mod pattern;
@@ -129,6 +131,8 @@ enum Command {
     Status(status::Arguments),
     /// End the manager of a running wall, and its servers if asked to
     Stop(stop::Arguments),
+    /// Print a link with which a browser may command a running wall, or the token of programs
+    Login(login::Arguments),
     /// Make the keys of a wall: an authority, and a key for each node
     Keys(keys::Arguments),
     /// Say what a wall file describes, or what is wrong with it
@@ -258,6 +262,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Variant(arguments) => return variant::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Stop(arguments) => stop::run(&arguments),
+        Command::Login(arguments) => login::run(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),
         Command::Check(arguments) => return check::run(&arguments),
         Command::Prove(arguments) => return verify::run(&arguments),
@@ -370,6 +375,11 @@ fn seconds(text: &str) -> Result<Duration, String> {
 
 /// A manager's address, as an argument: `HOST:PORT`, or `HOST` with the usual port.
 fn address(text: &str) -> Result<String, String> {
+    address_with(text, PORT_DEFAULT, 1)
+}
+
+/// The same with another usual port and the lowest one that may be said.
+fn address_with(text: &str, port_default: u16, port_min: u16) -> Result<String, String> {
     let is_plain_v6 = text.matches(':').count() > 1 && !text.starts_with('[');
     let (host, port) = match text.rsplit_once(':').filter(|_| !is_plain_v6) {
         Some((host, port)) if !port.ends_with(']') => (host, Some(port)),
@@ -377,13 +387,16 @@ fn address(text: &str) -> Result<String, String> {
     };
     let host_fits = !host.is_empty() && !host.contains(char::is_whitespace);
     let port = match port {
-        None => Some(PORT_DEFAULT),
-        Some(port) => port.parse::<u16>().ok().filter(|&port| port != 0),
+        None => Some(port_default),
+        Some(port) => port.parse::<u16>().ok().filter(|&port| port >= port_min),
     };
     match port.filter(|_| host_fits) {
         Some(port) if is_plain_v6 => Ok(format!("[{host}]:{port}")),
         Some(port) => Ok(format!("{host}:{port}")),
-        None => Err(format!("{text:?} is no address; write HOST:PORT, such as 127.0.0.1:7878")),
+        None => {
+            let example = format!("127.0.0.1:{port_default}");
+            Err(format!("{text:?} is no address; write HOST:PORT, such as {example}"))
+        }
     }
 }
 

@@ -12,6 +12,7 @@ pub mod capture;
 mod capture_sender;
 mod client_session;
 mod environment;
+pub mod http;
 pub mod import;
 mod mesh_walk;
 mod metrics;

@@ -36,6 +36,7 @@ use tokio::time::Instant;
 use crate::authenticator::Authenticator;
 use crate::bulk::{BlobAllowlist, PictureOf};
 use crate::capture::{CaptureBudget, CaptureJob, GeometryCache};
+use crate::http::HttpOptions;
 use crate::import::Baker;
 use crate::recorded_cluster::RecordedCluster;
 use crate::recorder::Recorder;
@@ -45,7 +46,7 @@ use crate::server_session::ServerHandle;
 use crate::session::{EVENTS_MAX, Event};
 use crate::state_file::keeper::Keeper;
 use crate::traffic::Traffic;
-use crate::{acceptor, metrics, state_file};
+use crate::{acceptor, http, metrics, state_file};
 
 /// Events that are handled in one turn, before timers are looked at again.
 const EVENTS_PER_TURN: usize = 64;
@@ -82,6 +83,8 @@ pub struct ManagerOptions {
     pub recorder: Option<Recorder>,
     /// Where metrics are read over HTTP, if anywhere.
     pub metrics: Option<std::net::TcpListener>,
+    /// The second transport, if there is one.
+    pub http: Option<HttpOptions>,
 }
 
 /// Why a manager could not run.
@@ -108,6 +111,9 @@ pub enum ManagerError {
     /// The metrics could not be offered.
     #[error("the metrics cannot be offered: {0}")]
     Metrics(std::io::Error),
+    /// The HTTP transport could not begin.
+    #[error("HTTP cannot be offered: {0}")]
+    Http(std::io::Error),
 }
 
 /// Runs a manager until a client stops it or `shutdown` is ready.
@@ -133,7 +139,16 @@ pub async fn run(
     let epoch = Epoch(u64::from_le_bytes(epoch));
     let metrics = options.metrics.take().map(|at| metrics::start(at, events.clone()));
     let metrics = metrics.transpose().map_err(ManagerError::Metrics)?;
+    let http = options.http.take();
     let mut hub = EventLoop::new(options, epoch, events)?;
+    let wiring = || http::Wiring {
+        events: hub.events.clone(),
+        queues: hub.turns.queues().clone(),
+        token: hub.options.token.clone(),
+        keys: keys.clone(),
+    };
+    let http = http.map(|options| http::start(options, wiring()));
+    let http = http.transpose().map_err(ManagerError::Http)?;
     let door = acceptor::AcceptContext {
         refusals: acceptor::RejectionLog::new(),
         gate: Authenticator::new(hub.options.token.clone(), keys, &hub.options.wall),
@@ -155,6 +170,7 @@ pub async fn run(
     }
     hub.settle_answers().await;
     hub.shut_down(&goodbye).await;
+    drop(http);
     Ok(())
 }
 

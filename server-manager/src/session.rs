@@ -103,6 +103,20 @@ pub(crate) struct OutboxReceiver {
     unread: Arc<AtomicUsize>,
 }
 
+impl OutboxReceiver {
+    /// Takes the next message; `None` once there are no more. Pictures come behind the rest.
+    pub async fn next(&mut self) -> Option<Bytes> {
+        tokio::select! {
+            biased;
+            Some(message) = self.outbox.recv() => {
+                self.unread.fetch_sub(message.len(), Ordering::AcqRel);
+                Some(message)
+            }
+            piece = self.pieces.recv() => piece,
+        }
+    }
+}
+
 impl ClientHandle {
     pub fn new() -> (Self, OutboxReceiver) {
         let (outbox, messages) = mpsc::channel(OUTBOX_MESSAGES_MAX);

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use super::{say, seconds, server, simulate};
+use super::{http, say, seconds, server, simulate};
 use crate::simulator::town::TownExtras;
 
 /// The wall of the demo, the same file that a user finds in the repository.
@@ -28,6 +28,10 @@ pub(super) struct Arguments {
     /// (drag), moves it (drag with another button or Shift) and zooms (wheel)
     #[arg(long, conflicts_with = "headless")]
     windows: bool,
+    /// Serve the page for browsers while the demo runs [default without ADDR: 127.0.0.1:7880]
+    #[arg(long, value_name = "ADDR", value_parser = http::address)]
+    #[arg(num_args = 0..=1, default_missing_value = "127.0.0.1")]
+    http: Option<String>,
     /// Draw into pictures only
     #[arg(long)]
     headless: bool,
@@ -71,6 +75,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         out: arguments.out.clone(),
         picture: arguments.picture.clone(),
         extras: TownExtras { has_open_sea: true, has_waves: true, is_dusk: false },
+        http: arguments.http.clone(),
         fault: Vec::new(),
         fault_seed: 0,
     };

@@ -19,6 +19,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         &[
             "polyptych manager configs/wall-2x2.toml",
             "polyptych manager wall.toml --listen 0.0.0.0:7878 --keys manager --scenes /data",
+            "polyptych manager wall.toml --http 127.0.0.1:7880",
             "polyptych manager wall.toml --record wall.rec --metrics 127.0.0.1:9464 --log json",
         ],
     ),
@@ -178,6 +179,10 @@ const EXAMPLES: &[(&str, &[&str])] = &[
         ],
     ),
     ("stop", &["polyptych stop", "polyptych stop --servers"]),
+    (
+        "login",
+        &["polyptych login", "polyptych login --http 127.0.0.1:8080", "polyptych login --token"],
+    ),
     ("keys", &["polyptych keys wall.toml", "polyptych keys wall.toml --client tracker --out keys"]),
     ("check", &["polyptych check wall.toml", "polyptych check wall.toml --json"]),
     ("prove", &["polyptych prove configs/wall-2x2.toml --out proof"]),

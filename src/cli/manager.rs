@@ -12,7 +12,7 @@ use polyptych_protocol::token;
 use polyptych_tls::{Credentials, NodeIdentity};
 
 use super::shutdown_signal::shutdown_signal;
-use super::{bake_files, cache_folder, load_wall, log_file_warnings};
+use super::{bake_files, cache_folder, http, load_wall, log_file_warnings};
 use crate::state_lock::StateLock;
 
 /// Address space of one bake, in MiB: enough for scenes of several gigabytes, not for a bomb.
@@ -50,6 +50,13 @@ pub(super) struct Arguments {
     /// Offer metrics for Prometheus at http://ADDR/metrics
     #[arg(long, value_name = "ADDR")]
     metrics: Option<String>,
+    /// Serve the page for browsers and the HTTP interface at http://ADDR/, or https with keys
+    #[arg(long, value_name = "ADDR", value_parser = http::address)]
+    http: Option<String>,
+    /// A name by which browsers may reach the page, beside addresses and localhost; may be given
+    /// again
+    #[arg(long, value_name = "NAME", requires = "http")]
+    http_host: Vec<String>,
     /// The manager's folder of keys, as `polyptych keys` makes it: all connections are encrypted,
     /// and every peer shows a certificate
     #[arg(long, value_name = "FOLDER")]
@@ -72,6 +79,9 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     }
     let listener = bind(&listen, arguments.keys.is_some() || arguments.insecure)?;
     let metrics = arguments.metrics.map(|at| bind_metrics(&at, arguments.insecure)).transpose()?;
+    let may_be_open = arguments.keys.is_some() || arguments.insecure;
+    let http = arguments.http.map(|at| http::bind(&at, may_be_open, arguments.http_host));
+    let http = http.transpose()?;
     let token = match &arguments.token_file {
         Some(path) => path.clone(),
         None => token::default_path()?,
@@ -120,6 +130,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         is_navigable,
         recorder: arguments.record.as_deref().map(Recorder::open).transpose()?,
         metrics,
+        http,
     };
     let is_asked_to_end = shutdown_signal(false)?;
     let address = listener.local_addr()?;
@@ -130,6 +141,10 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     if let Some(metrics) = &options.metrics {
         let address = metrics.local_addr()?;
         tracing::info!(url = %format_args!("http://{address}/metrics"), "metrics are offered");
+    }
+    if let Some(http) = &options.http {
+        let url = http::url(http.listener.local_addr()?, options.keys.is_some());
+        tracing::info!(%url, "HTTP is offered; polyptych login prints a link");
     }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     Ok(runtime.block_on(run_manager(listener, options, is_asked_to_end))?)

@@ -21,7 +21,8 @@ use super::remote::{open_scene, point, positive, say_notes};
 use super::seen::Seen;
 use super::surroundings::Brightness;
 use super::{
-    bake_files, bound, cache_folder, load_wall, log_file_warnings, manager, rate, say, seconds,
+    bake_files, bound, cache_folder, http, load_wall, log_file_warnings, login, manager, rate, say,
+    seconds,
 };
 use crate::simulator::ending::Ending;
 use crate::simulator::faults::{self, Fault, FaultHooks, Faults};
@@ -104,6 +105,9 @@ pub(super) struct Arguments {
     /// Record what the manager is told, to be replayed
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
+    /// Serve the page for browsers and the HTTP interface at http://ADDR/ while the wall runs
+    #[arg(long, value_name = "ADDR", value_parser = http::address)]
+    pub http: Option<String>,
     /// Where wall.png, channel-NAME.png and report.json go
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
@@ -182,7 +186,9 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         culls_occluded: !arguments.no_occlusion,
         recorder: arguments.record.as_deref().map(Recorder::open).transpose()?,
         needs,
+        http: arguments.http.as_deref().map(|at| http::bind(at, false, Vec::new())).transpose()?,
     };
+    let http = options.http.as_ref().map(|http| http.listener.local_addr()).transpose()?;
     let spinner = step("starting the servers");
     let started = LocalWall::start(options);
     spinner.finish_and_clear();
@@ -190,6 +196,10 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         Ok(local) => local,
         Err(error) => return broken_off(error.downcast::<Ending>()?),
     };
+    if let Some(address) = http {
+        let link = login::link(&address.to_string(), &local.token)?;
+        say(format_args!("the page is at {}; log in once: {link}", http::url(address, false)))?;
+    }
     let driven = drive(&local, wall, (&shown, environment), arguments);
     match local.end.ending() {
         // What failed then failed for that reason.

@@ -117,6 +117,7 @@ fn measure_ours(
             is_navigable: false,
             recorder,
             metrics: None,
+            http: None,
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let shutdown = async move { end.cancelled().await };

@@ -151,6 +151,7 @@ impl Gallery {
             scene_roots: self.scene_roots.clone(),
             baker: self.baker.clone(),
             windows: false,
+            http: None,
             recorder: None,
             culls_occluded: true,
             needs: FaultHooks::default(),

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, ConnectOptions};
+use polyptych_manager::http::HttpOptions;
 use polyptych_manager::import::Baker;
 use polyptych_manager::recorder::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
@@ -54,6 +55,8 @@ pub(crate) struct LocalWallOptions {
     pub culls_occluded: bool,
     /// What it must have so that it can be hurt.
     pub needs: FaultHooks,
+    /// Where its manager serves HTTP.
+    pub http: Option<HttpOptions>,
 }
 
 /// How a server can be hurt, beside by its process.
@@ -72,6 +75,8 @@ pub(crate) struct LocalWall {
     stop: CancellationToken,
     manager: Option<JoinHandle<()>>,
     pub end: Arc<EndRequest>,
+    /// Its own token, which ends with it.
+    pub token: String,
     /// By server.
     hurts: BTreeMap<String, FaultHook>,
     /// Holds the token, and what slows servers.
@@ -85,7 +90,7 @@ impl LocalWall {
     /// # Errors
     /// What did not start, and why; [`Ending`] if it was to end meanwhile.
     pub fn start(options: LocalWallOptions) -> anyhow::Result<Self> {
-        let LocalWallOptions { mut wall, scene_roots, baker, recorder, needs, .. } = options;
+        let LocalWallOptions { mut wall, scene_roots, baker, recorder, needs, http, .. } = options;
         let LocalWallOptions { windows, culls_occluded, .. } = options;
         let folder = tempfile::Builder::new().prefix("polyptych-").tempdir()?;
         let token_file = folder.path().join("token");
@@ -116,6 +121,7 @@ impl LocalWall {
             is_navigable: windows,
             recorder,
             metrics: None,
+            http,
         };
         let manager = start_manager(listener, options, stop.clone())?;
         let end = Arc::new(EndRequest::default());
@@ -124,7 +130,7 @@ impl LocalWall {
         end.add_stop(supervisor.stop_token());
         end_on_interrupt(&end, folder.path())?;
         let mut connect = ConnectOptions::new(address);
-        connect.token = Some(token);
+        connect.token = Some(token.clone());
         connect.keys = None;
         connect.name = "simulate".into();
         // Its manager is in this process, and does not come back.
@@ -133,7 +139,7 @@ impl LocalWall {
         let asked = Arc::clone(&end);
         let started = Client::connect_with(connect).map_err(Into::into).and_then(|client| {
             let manager = Some(manager);
-            let wall = Self { client, supervisor, stop, manager, end, hurts, folder };
+            let wall = Self { client, supervisor, stop, manager, end, token, hurts, folder };
             wall.await_channels()?;
             Ok(wall)
         });

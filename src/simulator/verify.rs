@@ -156,6 +156,7 @@ impl Verifier<'_> {
             scene_roots: vec![root, self.folder.clone()],
             baker: self.baker.clone(),
             windows: false,
+            http: None,
             recorder: None,
             culls_occluded: true,
             needs: FaultHooks::default(),

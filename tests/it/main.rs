@@ -29,6 +29,7 @@
 //! - `twins`: the same commands give the same bytes, whoever draws
 //! - `check`: what a wall file comes to, in numbers that are all there
 //! - `refusals`: bad input gives a clear error, and the wall stays as it was
+//! - `http`: the same requests over HTTP, who may ask them, and what cannot harm the manager
 //! - `trust`: walls of several machines: keys, and who is refused for want of the right ones
 //! - `failures`: what fails is away, and the wall goes on: the table of failures, with its times
 //! - `soak`: a wall that is hurt all the time, for a long time, neither grows nor leaks
@@ -73,6 +74,7 @@ mod gallery;
 mod harness;
 #[path = "../hostile/hostile.rs"]
 mod hostile;
+mod http;
 mod layers;
 mod manager_kills;
 mod moving;

@@ -38,6 +38,7 @@ pub(super) fn start_manager(wall: Wall, place: &TestDir) -> (String, Arc<Notify>
         is_navigable: false,
         recorder: None,
         metrics: None,
+        http: None,
     };
     let end = Arc::new(Notify::new());
     let ended = Arc::clone(&end);

@@ -60,6 +60,7 @@ fn start_manager() -> (SocketAddr, Arc<Notify>, JoinHandle<()>) {
         is_navigable: false,
         recorder,
         metrics,
+        http: None,
     };
     let end = Arc::new(Notify::new());
     let ended = Arc::clone(&end);

@@ -50,6 +50,7 @@ impl Stage {
             scene_roots: vec![scene.file.parent().unwrap_or(Path::new("/")).to_owned()],
             baker: baker.clone(),
             windows: false,
+            http: None,
             recorder: None,
             culls_occluded: true,
             needs: FaultHooks::default(),

@@ -1,0 +1,155 @@
+//! Answers: JSON, bytes and streams, with the headers that keep browsers safe; and refusals.
+
+use std::convert::Infallible;
+use std::pin::Pin;
+use std::task::{Context, Poll, ready};
+
+use bytes::Bytes;
+use hyper::body::Frame;
+use hyper::header::{
+    ALLOW, CACHE_CONTROL, CONTENT_TYPE, HeaderName, HeaderValue, REFERRER_POLICY, WWW_AUTHENTICATE,
+    X_CONTENT_TYPE_OPTIONS, X_FRAME_OPTIONS,
+};
+use hyper::{Response, StatusCode};
+use polyptych_protocol::request::RequestError;
+use serde::Serialize;
+use tokio::sync::OwnedSemaphorePermit;
+
+use super::events::EventStream;
+
+/// Bytes that hyper is given at a time: a reader that is slow holds the rest where it is counted.
+const SLICE_BYTES: usize = 64 << 10;
+
+/// A page from another origin may not read an answer, not even as a picture.
+const RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
+
+/// The body of an answer.
+pub(super) enum Body {
+    /// Bytes, and the place that they hold among large answers until they are read.
+    Bytes(
+        Bytes,
+        #[expect(dead_code, reason = "counted until it is dropped")] Option<OwnedSemaphorePermit>,
+    ),
+    /// Server-sent events, which end with the connection.
+    Events(EventStream),
+}
+
+impl hyper::body::Body for Body {
+    type Data = Bytes;
+    type Error = Infallible;
+
+    fn poll_frame(
+        self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
+        match self.get_mut() {
+            Self::Bytes(bytes, _) if bytes.is_empty() => Poll::Ready(None),
+            Self::Bytes(bytes, _) => {
+                let slice = bytes.split_to(bytes.len().min(SLICE_BYTES));
+                Poll::Ready(Some(Ok(Frame::data(slice))))
+            }
+            Self::Events(events) => {
+                let event = ready!(events.poll_next(context));
+                Poll::Ready(event.map(|bytes| Ok(Frame::data(bytes))))
+            }
+        }
+    }
+
+    fn is_end_stream(&self) -> bool {
+        matches!(self, Self::Bytes(bytes, _) if bytes.is_empty())
+    }
+
+    fn size_hint(&self) -> hyper::body::SizeHint {
+        match self {
+            Self::Bytes(bytes, _) => hyper::body::SizeHint::with_exact(bytes.len() as u64),
+            Self::Events(_) => hyper::body::SizeHint::default(),
+        }
+    }
+}
+
+/// Why a request is not answered as it was meant.
+#[derive(Debug)]
+pub(super) struct Refusal {
+    pub status: StatusCode,
+    pub reason: String,
+    /// Methods that there are instead, for 405.
+    pub allow: Option<String>,
+}
+
+impl Refusal {
+    pub fn new(status: StatusCode, reason: impl Into<String>) -> Self {
+        Self { status, reason: reason.into(), allow: None }
+    }
+
+    /// The request has the wrong form.
+    pub fn malformed(reason: impl Into<String>) -> Self {
+        Self::new(StatusCode::BAD_REQUEST, reason)
+    }
+
+    /// The manager has no room for it now, or ends.
+    pub fn unavailable(reason: impl Into<String>) -> Self {
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, reason)
+    }
+
+    pub fn not_found(reason: impl Into<String>) -> Self {
+        Self::new(StatusCode::NOT_FOUND, reason)
+    }
+
+    /// The answer that says so: `{"error": "…"}`.
+    pub fn into_answer(self) -> Response<Body> {
+        let mut answer = json(self.status, &serde_json::json!({ "error": self.reason }));
+        let headers = answer.headers_mut();
+        if self.status == StatusCode::UNAUTHORIZED {
+            headers.insert(WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+        }
+        if let Some(allow) = self.allow.and_then(|allow| HeaderValue::from_str(&allow).ok()) {
+            headers.insert(ALLOW, allow);
+        }
+        answer
+    }
+}
+
+/// The manager understood a request and does not do it: the text is that of TCP.
+impl From<RequestError> for Refusal {
+    fn from(error: RequestError) -> Self {
+        Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.reason)
+    }
+}
+
+/// An answer of JSON.
+pub(super) fn json(status: StatusCode, value: &impl Serialize) -> Response<Body> {
+    match serde_json::to_vec(value) {
+        Ok(text) => with_type(status, "application/json", text.into()),
+        Err(error) => {
+            let text = format!("{{\"error\":\"the answer is no JSON: {error}\"}}");
+            with_type(StatusCode::INTERNAL_SERVER_ERROR, "application/json", text.into())
+        }
+    }
+}
+
+/// An answer of bytes of this type.
+pub(super) fn with_type(
+    status: StatusCode,
+    content_type: &'static str,
+    bytes: Bytes,
+) -> Response<Body> {
+    with_body(status, content_type, Body::Bytes(bytes, None))
+}
+
+/// An answer with this body.
+pub(super) fn with_body(
+    status: StatusCode,
+    content_type: &'static str,
+    body: Body,
+) -> Response<Body> {
+    let mut answer = Response::new(body);
+    *answer.status_mut() = status;
+    let headers = answer.headers_mut();
+    headers.insert(CONTENT_TYPE, HeaderValue::from_static(content_type));
+    headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    headers.insert(X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    headers.insert(X_FRAME_OPTIONS, HeaderValue::from_static("DENY"));
+    headers.insert(REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
+    headers.insert(RESOURCE_POLICY, HeaderValue::from_static("same-origin"));
+    answer
+}

@@ -1,0 +1,8 @@
+//! The resources of the interface, each with its part of the table of routes.
+
+pub(super) mod camera;
+pub(super) mod pictures;
+pub(super) mod presentation;
+pub(super) mod scene;
+pub(super) mod session;
+pub(super) mod wall;

@@ -1,0 +1,7 @@
+//! The manager over HTTP: the same requests as over TCP, who may ask them, and what cannot harm it.
+
+mod hostile;
+mod page;
+mod pictures;
+mod routes;
+mod trust;

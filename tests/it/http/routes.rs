@@ -1,0 +1,219 @@
+//! Every route once, with its effect on the wall as a client over TCP sees it.
+
+use std::collections::BTreeSet;
+
+use polyptych_client::OutputMode;
+use polyptych_client::glam::DVec3;
+use serde_json::{Value, json};
+
+use super::page::Page;
+use crate::harness::local_wall::small;
+use crate::harness::scenes::town;
+
+#[test]
+fn every_route_does_what_the_request_of_tcp_does() {
+    let wall = small(2, 1);
+    let folder = town().parent().expect("a folder");
+    let page = Page::start(&wall, &[folder], &["--record", "wall.rec"]);
+    check_wall(&page);
+    check_scene(&page);
+    check_camera(&page);
+    check_presentation(&page);
+    check_requests(&page);
+    check_session(&page);
+
+    let description = page.ask("GET", "/openapi.json", None).value();
+    let described: BTreeSet<(String, String)> = description["paths"]
+        .as_object()
+        .expect("paths")
+        .iter()
+        .flat_map(|(path, methods)| {
+            let path = path.strip_prefix("/api/v1").expect("the base").to_owned();
+            let methods = methods.as_object().expect("methods");
+            methods.keys().map(move |method| (method.to_uppercase(), path.clone()))
+        })
+        .collect();
+    assert_eq!(*page.asked.borrow(), described, "each route of the description is asked here");
+
+    // What was asked over HTTP was recorded, and is decided again in the same way.
+    let told = page.local.place.run(["stop", "--manager", &page.local.address]);
+    told.succeeded();
+    let replayed = page.local.place.run(["replay", "wall.rec"]).succeeded();
+    assert!(replayed.contains("all the same"), "{replayed}");
+    assert!(replayed.contains("set the camera") && replayed.contains("http "), "{replayed}");
+}
+
+fn check_wall(page: &Page) {
+    let client = page.local.client();
+    let status = page.route("GET", "/status", &[], None).value();
+    let own = json!(client.status().expect("a status"));
+    assert_eq!(status["channels"].as_array().map(Vec::len), Some(2));
+    let keys = |of: &Value| of.as_object().expect("an object").keys().cloned().collect::<Vec<_>>();
+    assert_eq!(keys(&status), keys(&own));
+    assert_eq!(status["epoch"], own["epoch"]);
+    let wall = page.route("GET", "/wall", &[], None).value();
+    assert_eq!(wall, json!(client.wall().expect("a wall")));
+    let frame = page.route("POST", "/frame", &[], Some(json!({ "time_s": 2.5 }))).value();
+    assert_eq!(frame["time_s"], 2.5);
+    assert_eq!(client.status().expect("a status").frame.0, frame["frame"]);
+    assert_eq!(page.route("GET", "/statistics", &[], None).value()["frames"], 1);
+    page.route("POST", "/statistics/reset", &[], None).value();
+    assert_eq!(page.route("GET", "/statistics", &[], None).value()["frames"], 0);
+    page.route("PUT", "/pace", &[], Some(json!({ "rate": 1000.0, "is_free": true })))
+        .refused(400, "not both");
+    page.route("PUT", "/pace", &[], Some(json!({ "rate": 1e9 }))).refused(422, "a rate is");
+    assert_eq!(page.route("PUT", "/pace", &[], None).value()["done"], true);
+    let changes = json!({ "changes": [{ "Gain": [1.0, 0.5, 1.0] }] });
+    page.route("POST", "/channels/{name}/calibration", &["front-1-1"], Some(changes)).value();
+    let gain = client.wall().expect("a wall").channels[0].adjustment.color.gain;
+    assert_eq!(gain, DVec3::new(1.0, 0.5, 1.0));
+    let changes = json!({ "changes": [{ "Gain": [1.0, 1.0, 1.0] }] });
+    page.route("POST", "/channels/{name}/calibration", &["front-1-1"], Some(changes)).value();
+    for path in ["/wall.{format}", "/screens/{name}.{format}", "/channels/{name}.{format}"] {
+        let names: &[&str] = match path {
+            "/wall.{format}" => &["png"],
+            "/screens/{name}.{format}" => &["front", "jpg"],
+            _ => &["front-1-2", "rgba"],
+        };
+        let answer = page.route("GET", path, names, None);
+        assert_eq!(answer.code, 200, "{path}");
+        assert!(answer.body.len() > 100, "{path}");
+    }
+    page.ask("GET", "/channels/attic.png", None).refused(404, "front-1-1, front-1-2");
+}
+
+fn check_scene(page: &Page) {
+    let client = page.local.client();
+    let open = |path: &str| page.route("POST", "/scene/open", &[], Some(json!({ "path": path })));
+    open("attic.glb").refused(422, "attic.glb");
+    open("../../etc/passwd").refused(422, "passwd");
+    let opened = open("town.glb").value();
+    assert_eq!(opened["scene"]["name"], "town");
+    assert_eq!(opened["frame"]["channels"][0]["state"], "live");
+    let expected = client.scene().expect("a status").map(|scene| scene.to_string());
+    assert!(expected.is_none_or(|name| name.contains("town")));
+    let camera = client.status().expect("a status").presentation.camera;
+    assert!(camera.position.length() > 10.0, "all of the town is seen: {camera:?}");
+    let scene = page.route("GET", "/scene", &[], None).value();
+    assert_eq!(scene["scene"], "town");
+    let nodes = json!({ "name": null, "below": null, "attribute": null, "layer": null,
+        "kind": null, "skip": 0, "count": 3 });
+    let nodes = page.route("POST", "/scene/nodes", &[], Some(nodes)).value();
+    let node = nodes["nodes"][0]["id"].clone();
+    let hide = json!({ "base": null, "is_temporary": false, "assets": null,
+        "edits": [{ "SetVisible": { "node": node, "visible": false } }] });
+    page.route("POST", "/transaction", &[], Some(hide)).value();
+    page.route("POST", "/transaction", &[], Some(json!({ "edits": [1] }))).refused(400, "line 1");
+    assert_eq!(page.route("GET", "/scene/layers", &[], None).code, 200);
+    assert_eq!(page.route("GET", "/scene/variants", &[], None).value()["names"], json!([]));
+    page.route("PUT", "/scene/variant", &[], Some(json!({ "name": "red" }))).refused(422, "red");
+    assert_eq!(page.route("GET", "/scene/animations", &[], None).value(), json!([]));
+    let play = json!({ "clip": "walk", "action": "Pause" });
+    page.route("POST", "/scene/animations", &[], Some(play)).refused(422, "animation");
+    page.route("PUT", "/scene/saved/{name}", &["evening%20light"], None).value();
+    let saved = page.route("GET", "/scene/saved", &[], None).value();
+    assert_eq!(saved[0]["name"], "evening light");
+    page.route("DELETE", "/scene/saved/{name}", &["evening%20light"], None).value();
+    page.route("PUT", "/environment", &[], Some(json!({ "is_sky": true }))).value();
+    assert_eq!(client.status().expect("a status").environment.as_deref(), Some("sky"));
+    page.route("PUT", "/environment", &[], Some(json!({}))).value();
+    page.route("POST", "/scene/close", &[], None).value();
+    assert_eq!(client.status().expect("a status").scene, None);
+    open("town.glb").value();
+}
+
+fn check_camera(page: &Page) {
+    let client = page.local.client();
+    let look = json!({ "position": [1.0, 2.0, 3.0], "target": [1.0, 2.0, -3.0], "scale": 2.0 });
+    page.route("PUT", "/camera", &[], Some(look)).value();
+    let camera = client.status().expect("a status").presentation.camera;
+    assert_eq!((camera.position, camera.scale), (DVec3::new(1.0, 2.0, 3.0), 2.0));
+    assert!((camera.rotation * DVec3::NEG_Z - DVec3::NEG_Z).length() < 1e-12);
+    let told = page.route("GET", "/camera", &[], None).value();
+    assert_eq!(told, json!(camera));
+    page.ask("PUT", "/camera", Some(&told)).value();
+    for (body, code, part) in [
+        (json!({ "position": [1.0, 2.0, 3.0] }), 400, "either a rotation or a target"),
+        (json!({ "position": [1.0, 2.0] }), 400, "invalid length 2"),
+        (json!({ "position": "here", "target": [0, 0, 0] }), 400, "invalid type: string"),
+        (json!([]), 400, "the body is not what is asked for"),
+        (json!({ "position": [0, 0, 0], "target": [0, 0, 0], "speed": 1 }), 400, "`speed`"),
+        (json!({ "position": [0, 0, 0], "rotation": [0, 0, 0, 9] }), 422, "unit quaternion"),
+        (json!({ "position": [0, 0, 0], "target": [0, 0, -1], "scale": -1 }), 422, "above 0"),
+    ] {
+        page.ask("PUT", "/camera", Some(&body)).refused(code, part);
+    }
+    let head = json!({ "position": [0.1, 0.0, 0.0], "rotation": null, "eye_separation_m": null });
+    page.route("PUT", "/head", &[], Some(head)).value();
+    assert_eq!(page.route("GET", "/head", &[], None).value()["position"], json!([0.1, 0.0, 0.0]));
+    page.route("PUT", "/overlays", &[], Some(json!({ "views": [] }))).value();
+    page.route("PUT", "/views/{name}", &["quay"], Some(json!({}))).value();
+    page.ask("PUT", "/camera", Some(&json!({ "position": [9, 9, 9], "target": [0, 0, 0] })))
+        .value();
+    page.route("POST", "/views/{name}/show", &["quay"], None).value();
+    assert_eq!(client.status().expect("a status").presentation.camera, camera);
+    page.ask("POST", "/views/attic/show", None).refused(404, "there are: quay");
+    assert_eq!(page.route("GET", "/views", &[], None).value()[0]["name"], "quay");
+    page.route("DELETE", "/views/{name}", &["quay"], None).value();
+    page.ask("DELETE", "/views/quay", None).refused(422, "quay");
+    let stop = json!({ "camera": camera, "travel_s": 1.0 });
+    page.route("PUT", "/tour", &[], Some(json!({ "stops": [stop], "is_loop": "no" })))
+        .refused(400, "the body");
+    assert_eq!(page.route("GET", "/tour", &[], None).value()["tour"], Value::Null);
+    page.route("DELETE", "/tour", &[], None).value();
+}
+
+fn check_presentation(page: &Page) {
+    let client = page.local.client();
+    page.route("PUT", "/displays", &[], Some(json!({ "mode": "blank" }))).value();
+    let shown = client.status().expect("a status").presentation;
+    assert_eq!(shown.output_mode, OutputMode::Blank);
+    page.ask("PUT", "/displays", Some(&json!({ "mode": "normal" }))).value();
+    page.ask("PUT", "/displays", Some(&json!({ "mode": "off" }))).refused(400, "`normal`");
+    page.route("PUT", "/pattern", &[], Some(json!({ "pattern": "grid" }))).value();
+    page.ask("PUT", "/pattern", Some(&json!({ "pattern": null }))).value();
+    page.route("PUT", "/exposure", &[], Some(json!({ "stops": 1.0 }))).value();
+    page.ask("PUT", "/exposure", Some(&json!({ "stops": 1e300 }))).refused(400, "stops are");
+    page.ask("PUT", "/exposure", Some(&json!({ "factor": -1 }))).refused(422, "exposure is 0");
+    // A number that f32 cannot hold.
+    page.ask("PUT", "/exposure", Some(&json!({ "factor": 1e300 }))).refused(422, "exposure is 0");
+    page.route("PUT", "/tone", &[], Some(json!({ "tone": "Aces" }))).value();
+    page.route("PUT", "/fog", &[], Some(json!({ "fog": null }))).value();
+    let bounds = json!({ "error_px": 0.5, "rate_fps": null });
+    page.route("PUT", "/bounds", &[], Some(bounds)).value();
+    page.ask("PUT", "/bounds", Some(&json!({ "error_px": 1e308, "rate_fps": null })))
+        .refused(422, "0 to 64");
+    let shown = page.route("GET", "/presentation", &[], None).value();
+    assert_eq!((&shown["exposure"], &shown["tone"]), (&json!(2.0), &json!("Aces")));
+    assert_eq!(shown["bounds"]["error_px"], 0.5);
+    assert_eq!(shown, json!(client.status().expect("a status").presentation));
+}
+
+fn check_requests(page: &Page) {
+    let ask = |body: Value| page.route("POST", "/requests", &[], Some(body));
+    let status = ask(json!("Status")).value();
+    assert_eq!(status["response"]["Status"]["wall"], "small");
+    assert_eq!(status["warnings"], json!([]));
+    let done = ask(json!({ "SetExposure": 1.0 })).value();
+    assert_eq!(done["response"], "Done");
+    // Refusals are those of TCP, word for word.
+    let client = page.local.client();
+    let told = client.remove_view("attic").expect_err("no such view").to_string();
+    let answer = ask(json!({ "RemoveView": { "name": "attic" } }));
+    let refused: Value = serde_json::from_slice(&answer.body).expect("JSON");
+    let reason = refused["error"].as_str().expect("a reason");
+    assert!(answer.code == 422 && told.contains(reason), "{told:?} and {reason:?}");
+    ask(json!("Explode")).refused(400, "unknown variant `Explode`");
+    ask(json!({ "Capture": { "time_s": null } })).refused(400, "GET /api/v1/wall.png");
+    ask(json!({ "Subscribe": true })).refused(400, "GET /api/v1/events");
+}
+
+fn check_session(page: &Page) {
+    page.route("GET", "/openapi.json", &[], None).value();
+    let nonce = json!({ "nonce": "0123456789abcdef" });
+    let challenge = page.route("POST", "/login/challenge", &[], Some(nonce)).value();
+    let code = json!({ "nonce": challenge["nonce"], "proof": challenge["proof"] });
+    page.route("POST", "/login/code", &[], Some(code)).refused(401, "token");
+    // A stream does not end by itself; `hostile` reads it.
+    page.asked.borrow_mut().insert(("GET".into(), "/events".into()));
+}
