@@ -1,6 +1,7 @@
 //! What the tests of the whole share: a wall of real processes, its pictures, and scenes.
 
 pub mod adapter;
+pub mod browser;
 pub mod display;
 pub mod keys;
 pub mod local_wall;

@@ -17,21 +17,28 @@ use super::answer::Refusal;
 /// [`CALL_BYTES_MAX`] holds here, too.
 pub(super) const BODY_BYTES_MAX: usize = 2 * CALL_BYTES_MAX;
 
+/// Maximum size of a body of who has not logged in yet.
+pub(super) const STRANGERS_BODY_BYTES_MAX: usize = 4 << 10;
+
 /// Maximum time in which a body must have come.
 const BODY_TIME_MAX: Duration = Duration::from_secs(30);
 
-/// Reads a body that is JSON or empty.
+/// Reads a body that is JSON or empty, of at most `bytes_max`.
 ///
 /// # Errors
 /// It is too large, of another type, or does not come.
-pub(super) async fn read(headers: &HeaderMap, body: Incoming) -> Result<Vec<u8>, Refusal> {
+pub(super) async fn read(
+    headers: &HeaderMap,
+    body: Incoming,
+    bytes_max: usize,
+) -> Result<Vec<u8>, Refusal> {
     let too_large = || {
-        let reason = format!("a body has at most {BODY_BYTES_MAX} bytes; send less at a time");
+        let reason = format!("a body has at most {bytes_max} bytes here; send less at a time");
         Refusal::new(StatusCode::PAYLOAD_TOO_LARGE, reason)
     };
     let length = headers.get(CONTENT_LENGTH).and_then(|length| length.to_str().ok());
     let length = length.and_then(|length| length.parse::<u64>().ok());
-    if length.is_some_and(|length| length > BODY_BYTES_MAX as u64) {
+    if length.is_some_and(|length| length > bytes_max as u64) {
         return Err(too_large());
     }
     let mut body = body;
@@ -41,7 +48,7 @@ pub(super) async fn read(headers: &HeaderMap, body: Incoming) -> Result<Vec<u8>,
             let frame = frame
                 .map_err(|error| Refusal::malformed(format!("the body broke off: {error}")))?;
             let Ok(data) = frame.into_data() else { continue };
-            if bytes.len() + data.len() > BODY_BYTES_MAX {
+            if bytes.len() + data.len() > bytes_max {
                 return Err(too_large());
             }
             bytes.extend_from_slice(&data);

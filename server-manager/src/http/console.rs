@@ -17,6 +17,7 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
 const FILES: &[(&str, &str, &str)] = &[
     ("/", "text/html; charset=utf-8", include_str!("console/index.html")),
     ("/console.css", "text/css; charset=utf-8", include_str!("console/console.css")),
+    ("/icon.svg", "image/svg+xml", include_str!("console/icon.svg")),
     ("/console.js", "text/javascript; charset=utf-8", include_str!("console/console.js")),
 ];
 

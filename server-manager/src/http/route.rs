@@ -179,7 +179,9 @@ pub(super) async fn answer(
     let known: Vec<&str> = route.query.iter().map(|(name, _)| *name).collect();
     let query = Query::parse(parts.uri.query().unwrap_or_default(), &known)?;
     let headers = parts.headers;
-    let body = body::read(&headers, incoming).await?;
+    let bytes_max =
+        if route.is_open() { body::STRANGERS_BODY_BYTES_MAX } else { body::BODY_BYTES_MAX };
+    let body = body::read(&headers, incoming, bytes_max).await?;
     if route.body.is_none() && !body.is_empty() {
         return Err(Refusal::malformed(format!("{BASE}{} takes no body", route.path)));
     }

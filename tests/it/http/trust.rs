@@ -1,8 +1,11 @@
 //! Who may command a wall over HTTP, and from which pages.
 
+use polyptych_tls::Credentials;
 use serde_json::json;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 use super::page::{Page, exchange};
+use crate::harness::keys;
 use crate::harness::local_wall::{ANY_PORT, small};
 use crate::harness::place::TestDir;
 
@@ -115,4 +118,34 @@ fn http_leaves_this_machine_only_where_that_was_said() {
     place.run(names).failed(&["--http no.such.invalid:1"]);
     let page = manager(&["--insecure", "--http-host", "a"]);
     assert_eq!(page.ask("POST", "/frame", Some(&json!({}))).code, 200);
+}
+
+#[test]
+fn with_keys_a_clients_certificate_is_needed_and_enough() {
+    let wall = small(1, 1);
+    let place = TestDir::new();
+    keys::make(&place, &wall);
+    let page = Page::manager(place, &wall, &[], &[]);
+    let status = |node: &str| {
+        let folder = keys::of(&page.local.place, node).expect("keys");
+        let credentials = Credentials::load(&folder).expect("keys");
+        let text = page.head("GET", "/api/v1/status").replace("Bearer", "None") + "\r\n";
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        runtime.expect("a runtime").block_on(async {
+            let stream = polyptych_tls::connect(&page.address, Some(&credentials), false).await;
+            let mut stream = stream.expect("connected");
+            stream.write_all(text.as_bytes()).await.expect("sent");
+            let mut bytes = Vec::new();
+            let _ = stream.read_to_end(&mut bytes).await;
+            String::from_utf8_lossy(&bytes).into_owned()
+        })
+    };
+    let answer = status("client-operator");
+    assert!(answer.starts_with("HTTP/1.1 200") && answer.contains("http operator"), "{answer}");
+    let server = format!("server-{}", wall.channels[0].server);
+    let answer = status(&server);
+    assert!(answer.starts_with("HTTP/1.1 403") && answer.contains("client's certificate"));
+    // In the clear nobody is heard, whatever is said.
+    let plain = exchange(&page.address, (page.head("GET", "/") + "\r\n").as_bytes());
+    assert_eq!(plain.code, 0, "{plain}");
 }
