@@ -71,7 +71,7 @@ fn of_scene() -> Vec<Request> {
     let walker = Walker { eye_height: Some(1.7), radius: Some(0.3), step_height: 0.4 };
     let way = vec![DVec3::ZERO, DVec3::new(0.0, 0.0, -10.0)];
     vec![
-        Request::OpenScene { path: "town.glb".into() },
+        Request::OpenScene { path: "town.glb".into(), scene: None },
         Request::OpenOutcome { session: 7, of: RequestId(1) },
         Request::CloseScene,
         Request::Edit(transaction),

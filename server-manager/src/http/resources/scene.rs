@@ -40,7 +40,8 @@ pub(in crate::http) const ROUTES: &[Route] = &[
         method: "POST",
         path: "/scene/open",
         summary: "Opens a scene by its `path`, as `polyptych open` does: answered once all can draw \
-                  it. The camera is placed so that all of it is seen from `heading_deg`, unless \
+                  it. `scene` chooses one of a file that has several, by its name or its number \
+                  as text. The camera is placed so that all of it is seen from `heading_deg`, unless \
                   `keep_camera` is true, and a frame is drawn.",
         query: &[],
         body: Some(|| json!({ "path": "town.glb", "keep_camera": false, "heading_deg": 30.0 })),
@@ -161,6 +162,7 @@ pub(in crate::http) const ROUTES: &[Route] = &[
 #[serde(deny_unknown_fields)]
 struct OpenBody {
     path: String,
+    scene: Option<String>,
     #[serde(default)]
     keep_camera: bool,
     heading_deg: Option<f64>,
@@ -201,12 +203,12 @@ pub(in crate::http) async fn open(
     call: &Call,
 ) -> Result<Response<Body>, Refusal> {
     let other = || Refusal::unavailable("the manager sent another answer");
-    let OpenBody { path, keep_camera, heading_deg } = call.parse()?;
+    let OpenBody { path, scene, keep_camera, heading_deg } = call.parse()?;
     let heading_deg = heading_deg.unwrap_or(HEADING_DEG);
     if !heading_deg.is_finite() {
         return Err(Refusal::malformed("heading_deg is a finite number of degrees"));
     }
-    let opened = connection.ask(&call.headers, Request::OpenScene { path }).await?;
+    let opened = connection.ask(&call.headers, Request::OpenScene { path, scene }).await?;
     let WallResponse::SceneOpened(scene) = opened.response else { return Err(other()) };
     let mut camera = None;
     if let Some(bounds) = scene.bounds.filter(|_| !keep_camera) {
