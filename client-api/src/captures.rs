@@ -42,9 +42,9 @@ impl Client {
         }
     }
 
-    /// Returns the pictures of the wall for a person who watches: of the next frame that it draws by
-    /// itself, or of its last one. Unlike [`Client::capture`] it neither moves scene time on nor
-    /// waits for a channel longer than other frames do.
+    /// Returns the pictures of the wall for a person who watches: of the next frame that it draws
+    /// by itself, or of its last one. Unlike [`Client::capture`] it neither moves scene time on
+    /// nor waits for a channel longer than other frames do.
     ///
     /// # Errors
     /// Those of [`Client::capture`].

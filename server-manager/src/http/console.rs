@@ -9,9 +9,9 @@ use super::body::Query;
 use super::trust::Gate;
 
 /// Nothing but the manager's own files, and pictures that the page makes of its answers.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; \
-                      connect-src 'self'; form-action 'none'; base-uri 'none'; \
-                      frame-ancestors 'none'";
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; \
+                      img-src 'self' blob:; connect-src 'self'; form-action 'none'; \
+                      base-uri 'none'; frame-ancestors 'none'";
 
 /// Path, type and text of the page's files.
 const FILES: &[(&str, &str, &str)] = &[

@@ -136,9 +136,9 @@ fn the_page_is_red_within_two_seconds_where_a_channel_is_gone() {
     let mut browser = open(&page);
     browser.await_true("document.getElementById('health').className === 'good'");
     browser.value(
-        "window.redAt = null; new MutationObserver(() => { if (document.querySelector('.channel.bad') \
-         && !redAt) redAt = Date.now(); }).observe(document.getElementById('channels'), \
-         { subtree: true, attributes: true })",
+        "window.redAt = null; new MutationObserver(() => { \
+         if (document.querySelector('.channel.bad') && !redAt) redAt = Date.now(); })\
+         .observe(document.getElementById('channels'), { subtree: true, attributes: true })",
     );
     let server = page.local.wall().channels[0].server.clone();
     let began = browser.value("Date.now()").as_f64().expect("a time");

@@ -104,7 +104,8 @@ fn check_scene(page: &Page) {
     page.route("POST", "/transaction", &[], Some(json!({ "edits": [1] }))).refused(400, "line 1");
     assert_eq!(page.route("GET", "/scene/layers", &[], None).code, 200);
     assert_eq!(page.route("GET", "/scene/variants", &[], None).value()["names"], json!([]));
-    page.route("PUT", "/scene/variant", &[], Some(json!({ "name": "red" }))).refused(422, "red");
+    page.route("PUT", "/scene/variant", &[], Some(json!({ "name": "red" })))
+        .refused(422, "no variants");
     assert_eq!(page.route("GET", "/scene/animations", &[], None).value(), json!([]));
     let play = json!({ "clip": "walk", "action": "Pause" });
     page.route("POST", "/scene/animations", &[], Some(play)).refused(422, "");

@@ -46,9 +46,9 @@ pub(in crate::http) const ROUTES: &[Route] = &[
     Route {
         method: "GET",
         path: "/wall.{format}",
-        summary: "A picture of the whole wall, screens side by side, as png, jpg or rgba (sRGB, 8 \
-                  bits, rows from the top). It is of a frame drawn for it; with `max_age_ms` of the \
-                  last frame, shared by all who ask, at most 1,920 pixels wide.",
+        summary: "A picture of the whole wall, screens side by side, as png, jpg or rgba (sRGB, \
+                  8 bits, rows from the top). It is of a frame drawn for it; with `max_age_ms` \
+                  of the last frame, shared by all who ask, at most 1,920 pixels wide.",
         query: &[
             OF_WIDTH,
             OF_TIME,

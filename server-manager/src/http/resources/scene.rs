@@ -39,10 +39,10 @@ pub(in crate::http) const ROUTES: &[Route] = &[
     Route {
         method: "POST",
         path: "/scene/open",
-        summary: "Opens a scene by its `path`, as `polyptych open` does: answered once all can draw \
-                  it. `scene` chooses one of a file that has several, by its name or its number \
-                  as text. The camera is placed so that all of it is seen from `heading_deg`, unless \
-                  `keep_camera` is true, and a frame is drawn.",
+        summary: "Opens a scene by its `path`, as `polyptych open` does: answered once all can \
+                  draw it. `scene` chooses one of a file that has several, by its name or its \
+                  number as text. The camera is placed so that all of it is seen from \
+                  `heading_deg`, unless `keep_camera` is true, and a frame is drawn.",
         query: &[],
         body: Some(|| json!({ "path": "town.glb", "keep_camera": false, "heading_deg": 30.0 })),
         action: Action::OpenScene,
