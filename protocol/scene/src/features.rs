@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{AlphaMode, Light, Scene, Topology};
+use super::{AlphaMode, Scene, Topology};
 
 /// Derived from the manifest when a scene is opened, logged, and reported.
 ///
@@ -30,6 +30,9 @@ pub struct SceneFeatures {
     /// Directional lights of its own: maps of what they reach.
     #[serde(default)]
     pub sun_shadows: bool,
+    /// Point or spot lights of its own: maps of what they reach.
+    #[serde(default)]
+    pub lamp_shadows: bool,
     /// Materials with `KHR_materials_ior` or `KHR_materials_specular`.
     #[serde(default)]
     pub specular: bool,
@@ -67,6 +70,8 @@ impl SceneFeatures {
             scene.materials.iter().flat_map(|of| &of.extensions).any(|of| test(of))
         };
         let primitives = || scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
+        let placed = || scene.nodes.iter().filter_map(|node| node.light);
+        let lights = || placed().filter_map(|light| scene.lights.get(light as usize));
         let mut uses = vec![0usize; scene.meshes.len()];
         for node in &scene.nodes {
             if let Some(count) = node.mesh.and_then(|mesh| uses.get_mut(mesh as usize)) {
@@ -95,10 +100,8 @@ impl SceneFeatures {
             anisotropy: extends(|of| of.anisotropy.is_some()),
             iridescence: extends(|of| of.iridescence.is_some()),
             diffuse_transmission: extends(|of| of.diffuse_transmission.is_some()),
-            sun_shadows: scene.nodes.iter().any(|node| {
-                let light = node.light.and_then(|light| scene.lights.get(light as usize));
-                light.is_some_and(Light::casts_shadows)
-            }),
+            sun_shadows: lights().any(|of| of.casts_shadows() && of.lamp_map_count() == 0),
+            lamp_shadows: lights().any(|of| of.lamp_map_count() > 0),
         }
     }
 
@@ -115,6 +118,7 @@ impl SceneFeatures {
             (self.instances, "instances"),
             (self.points_or_lines, "points_or_lines"),
             (self.sun_shadows, "sun_shadows"),
+            (self.lamp_shadows, "lamp_shadows"),
             (self.specular, "specular"),
             (self.clearcoat, "clearcoat"),
             (self.sheen, "sheen"),

@@ -13,6 +13,7 @@ mod features;
 mod file_place;
 mod fog;
 pub mod glb;
+mod lamp_maps;
 mod layers;
 mod level_cut;
 pub mod limits;
@@ -51,6 +52,7 @@ pub use environment_map::EnvironmentMap;
 pub use features::SceneFeatures;
 pub use file_place::FilePlace;
 pub use fog::Fog;
+pub use lamp_maps::{LAMP_MAPS_MAX, SPOT_MAP_RAD_MAX, lamps_with_maps};
 pub use layers::{Layers, NodeTraits, SceneSubset};
 pub use level_cut::{CUTS_MAX, LevelCut};
 pub use material::{AlphaMode, Material, TextureRef};
@@ -155,9 +157,9 @@ pub struct Light {
 }
 
 impl Light {
-    /// Returns whether what it does not reach lies in shadow: directional lights that shine.
+    /// Returns whether what it does not reach lies in shadow: it shines.
     pub fn casts_shadows(&self) -> bool {
-        self.kind == LightKind::Directional && self.color * self.intensity != Vec3::ZERO
+        self.color * self.intensity != Vec3::ZERO
     }
 }
 

@@ -89,8 +89,8 @@ pub struct WallSection {
     /// Whether codes are dithered where a channel's light is corrected.
     #[serde(default)]
     pub dither: bool,
-    /// The shadows of a scene's directional lights: "soft", "hard", whose edges are as jagged as
-    /// the maps of shadows, or "off".
+    /// The shadows of a scene's lights: "soft", "hard", whose edges are as jagged as the maps of
+    /// shadows, or "off".
     #[serde(default)]
     pub shadows: ShadowFilter,
 }

@@ -110,7 +110,7 @@ pub struct Wall {
     /// The memory that each server may take for the open scene.
     #[serde(default)]
     pub budget: MemoryBudget,
-    /// The shadows of a scene's directional lights.
+    /// The shadows of a scene's lights.
     #[serde(default)]
     pub shadows: ShadowFilter,
 }

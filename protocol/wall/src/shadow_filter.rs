@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// The edges of the shadows that directional lights cast.
+/// The edges of the shadows that lights cast.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]

@@ -8,6 +8,7 @@ use polyptych_scene::EXTENSION_TEXTURES_MAX;
 use super::behind_region::BehindUniform;
 use super::environment::EnvironmentUniform;
 use super::gpu::Gpu;
+use super::lamp_map::LampShadowRecord;
 use super::pass::background::BackgroundUniform;
 use super::pass::correct::{CellRecord, CorrectionUniform};
 use super::scene::{ExtensionUniform, MaterialUniform};
@@ -123,9 +124,9 @@ fn frame_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
     ]
 }
 
-/// Group 1 of the passes over a scene with lights that cast shadows: the view's uniforms,
-/// the maps, and the sampler that compares.
-pub(crate) fn shadow_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+/// Group 1 of the passes over a scene with lights that cast shadows: the view's uniforms, the maps
+/// of suns, and the sampler that compares; and, where lamps cast some, their records and their maps.
+pub(crate) fn shadow_layout(device: &wgpu::Device, has_lamps: bool) -> wgpu::BindGroupLayout {
     let fragment = wgpu::ShaderStages::FRAGMENT;
     let uniform = wgpu::BufferBindingType::Uniform;
     let entry =
@@ -135,13 +136,17 @@ pub(crate) fn shadow_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
         view_dimension: wgpu::TextureViewDimension::D2Array,
         multisampled: false,
     };
+    let storage = wgpu::BufferBindingType::Storage { read_only: true };
+    let entries = [
+        buffer(0, fragment, uniform, false, size_of::<ShadowUniform>()),
+        entry(1, maps),
+        entry(2, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
+        buffer(3, fragment, storage, false, size_of::<LampShadowRecord>()),
+        entry(4, maps),
+    ];
     device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: Some("shadow/layout"),
-        entries: &[
-            buffer(0, fragment, uniform, false, size_of::<ShadowUniform>()),
-            entry(1, maps),
-            entry(2, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
-        ],
+        entries: if has_lamps { &entries } else { &entries[..3] },
     })
 }
 

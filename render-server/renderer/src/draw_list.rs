@@ -128,6 +128,16 @@ impl VisibleItems {
         found
     }
 
+    /// Removes the items that are beyond a sphere in world space.
+    pub fn keep_within(&mut self, scene: &GpuScene, (center, radius): (DVec3, f64)) {
+        let reach = radius * radius;
+        // Written so that a box that is not finite stays.
+        self.items.retain(|&item| {
+            let is_beyond = scene.item(item).2.distance_squared(center) > reach;
+            !is_beyond
+        });
+    }
+
     fn found(
         scene: &GpuScene,
         view: &ViewDesc,

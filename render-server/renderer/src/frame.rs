@@ -11,7 +11,10 @@ mod behind;
 mod draw_context;
 mod frame_buffer;
 mod hidden_items;
+mod lamp_shadows;
+mod map_sets;
 mod scene_pass;
+mod shadows;
 mod submission;
 mod sun_shadows;
 mod surroundings;
@@ -44,8 +47,8 @@ use frame_buffer::{FrameBuffer, is_too_large};
 pub(crate) use hidden_items::OcclusionMemory;
 use hidden_items::encode_behind;
 use scene_pass::encode_scene;
+pub(crate) use shadows::Shadows;
 pub use submission::Submission;
-pub(crate) use sun_shadows::SunShadows;
 
 /// Maximum number of primitives that all views of a frame show: 120 bytes each here, and at most
 /// 240 on the GPU. Views multiply a scene: this is twice the largest, or one for two eyes.
@@ -162,7 +165,7 @@ impl FrameResources {
     pub fn submit(
         &mut self,
         gpu: &Gpu,
-        (pipelines, occluders, shadows): (&Pipelines, Option<&OccluderPass>, &mut SunShadows),
+        (pipelines, occluders, shadows): (&Pipelines, Option<&OccluderPass>, &mut Shadows),
         scene: &GpuScene,
         target: &mut Target,
         begun: BegunFrame,
@@ -315,7 +318,7 @@ impl FrameResources {
     pub fn prewarm(
         &mut self,
         gpu: &Gpu,
-        (pipelines, shadows): (&Pipelines, &SunShadows),
+        (pipelines, shadows): (&Pipelines, &Shadows),
         scene: &GpuScene,
         (target, tone, fog): (&Target, ToneMapper, bool),
     ) -> Result<(), DrawError> {

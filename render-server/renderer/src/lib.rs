@@ -23,6 +23,7 @@ mod frame;
 mod gpu;
 mod grain_albedo;
 mod item_draws;
+mod lamp_map;
 mod light_meter;
 mod occlusion;
 mod occlusion_trial;
@@ -153,7 +154,7 @@ pub struct Renderer {
     frames: frame::FrameResources,
     /// `None` where the driver cannot.
     occluders: Option<pass::occluder::OccluderPass>,
-    shadows: frame::SunShadows,
+    shadows: frame::Shadows,
     enlarge: pass::enlarge::EnlargePass,
     occlusion: OcclusionCulling,
     /// That of the last frame, which the next scene is prepared for.
@@ -175,7 +176,7 @@ impl Renderer {
         let occluders = pass::occluder::OccluderPass::new(gpu, samples);
         let occlusion = OcclusionCulling::default();
         let enlarge = pass::enlarge::EnlargePass::new(gpu);
-        let shadows = frame::SunShadows::new(gpu);
+        let shadows = frame::Shadows::new(gpu);
         let (tone, fog) = (ToneMapper::default(), None);
         Ok(Self { samples, pipelines, frames, occluders, shadows, enlarge, occlusion, tone, fog })
     }

@@ -72,6 +72,8 @@ pub(crate) struct PipelineKey {
     pub linear: bool,
     /// Off where the scene has no light that casts shadows.
     pub shadows: ShadowFilter,
+    /// Point or spot lights of the scene cast shadows.
+    pub lamp_shadows: bool,
 }
 
 /// The part of a pipeline that is no scene's own: what a frame is drawn onto, and how.
@@ -95,6 +97,7 @@ type Built = (bool, ToneMapper, bool, bool);
 struct LayoutKey {
     has_environment: bool,
     has_shadows: bool,
+    has_lamp_shadows: bool,
     has_extensions: bool,
     has_grain: bool,
     has_behind: bool,
@@ -104,8 +107,16 @@ impl PipelineKey {
     fn layout_key(&self, has_environment: bool) -> LayoutKey {
         let has_extensions = !self.material.extensions.set.is_empty();
         let (has_shadows, has_behind) = (self.has_shadows(), self.transmits());
+        let has_lamp_shadows = has_shadows && self.lamp_shadows;
         let has_grain = self.material.extensions.has_grain;
-        LayoutKey { has_environment, has_shadows, has_extensions, has_grain, has_behind }
+        LayoutKey {
+            has_environment,
+            has_shadows,
+            has_lamp_shadows,
+            has_extensions,
+            has_grain,
+            has_behind,
+        }
     }
 
     /// Returns whether lights cast shadows.
@@ -139,8 +150,16 @@ impl PipelineKey {
         };
         let environment = has_environment && m.lit;
         let (lamps, shadows) = (self.lamps && m.lit, self.has_shadows() && m.lit);
-        let extensions = m.extensions.set;
-        Interface { attributes, lit: m.lit, lamps, shadows, environment, fog, extensions }
+        Interface {
+            attributes,
+            lit: m.lit,
+            lamps,
+            shadows,
+            lamp_shadows: shadows && self.lamp_shadows,
+            environment,
+            fog,
+            extensions: m.extensions.set,
+        }
     }
 
     fn constants(&self, tone: ToneMapper) -> Vec<(&'static str, f64)> {
@@ -329,7 +348,7 @@ fn pipeline_layout(gpu: &Gpu, of: LayoutKey) -> wgpu::PipelineLayout {
     } else {
         bindings::frame_layout(&gpu.device)
     };
-    let shadow = of.has_shadows.then(|| bindings::shadow_layout(&gpu.device));
+    let shadow = of.has_shadows.then(|| bindings::shadow_layout(&gpu.device, of.has_lamp_shadows));
     let extension =
         of.has_extensions.then(|| bindings::extension_layout(&gpu.device, of.has_grain));
     let groups = [Some(&frame), shadow.as_ref(), Some(&material), extension.as_ref()];

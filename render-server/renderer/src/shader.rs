@@ -14,7 +14,10 @@ const IRIDESCENCE: &str = include_str!("include/iridescence.wgsl");
 const DIFFUSE_TRANSMISSION: &str = include_str!("include/diffuse_transmission.wgsl");
 const TRANSMISSION: &str = include_str!("include/transmission.wgsl");
 const SHADOW: &str = include_str!("include/shadow.wgsl");
-/// Stands for [`SHADOW`] where no light casts shadows.
+const SHADOW_FILTER: &str = include_str!("include/shadow_filter.wgsl");
+const SUN_SHADOW: &str = include_str!("include/sun_shadow.wgsl");
+const LAMP_SHADOW: &str = include_str!("include/lamp_shadow.wgsl");
+/// Stands for the three where no light casts shadows.
 const NO_SHADOW: &str = "
 fn sun_visibility(sun: u32, position: vec3<f32>, normal: vec3<f32>) -> f32 {
     return 1.0;
@@ -37,8 +40,10 @@ pub(crate) struct Interface {
     pub lit: bool,
     /// Each item has a list of lamps.
     pub lamps: bool,
-    /// Directional lights have maps of what they reach.
+    /// Lights have maps of what they reach.
     pub shadows: bool,
+    /// Among them are point or spot lights; only with `shadows`.
+    pub lamp_shadows: bool,
     /// Light comes from all around, by a map.
     pub environment: bool,
     /// Fog lies between the eye and what it sees.
@@ -115,6 +120,7 @@ impl Interface {
             "uv1" => self.attributes.uv1,
             "color" => self.attributes.color,
             "lamps" => self.lamps,
+            "lamp_shadows" => self.has_lamp_shadows(),
             "environment" => self.environment,
             "extended" => !self.extensions.is_empty(),
             "specular" => self.extensions.specular,
@@ -131,6 +137,26 @@ impl Interface {
             "layers" => self.extensions.has_layers(),
             _ => false,
         }
+    }
+
+    fn has_lamp_shadows(self) -> bool {
+        self.shadows && self.lamp_shadows
+    }
+
+    /// Returns the text that says which part of the light of lamps arrives.
+    fn shadow_text(self) -> String {
+        if !self.shadows {
+            return NO_SHADOW.to_owned();
+        }
+        let suns = [SHADOW, SHADOW_FILTER, SUN_SHADOW].concat();
+        if !self.lamp_shadows {
+            return suns;
+        }
+        let filter = SHADOW_FILTER
+            .replace("shadow_maps", "lamp_maps")
+            .replace("_visibility", "_lamp_visibility")
+            .replace("lit_part", "lit_lamp_part");
+        [&suns, "\n", LAMP_SHADOW, "\n", &filter].concat()
     }
 
     fn select(self, text: &str) -> String {
@@ -153,13 +179,13 @@ fn select(text: &str, holds: impl Fn(&str) -> bool) -> String {
 /// A pass over the scene: `pass` holds its fragment stage.
 pub(crate) fn surface(interface: Interface, pass: &str) -> String {
     let (vertex, surface) = (interface.select(VERTEX), interface.select(SURFACE));
-    let shadow = if interface.shadows { SHADOW } else { NO_SHADOW };
+    let shadow = interface.shadow_text();
     let [map, light] =
         if interface.environment { [ENVIRONMENT, ENVIRONMENT_LIGHT] } else { [""; 2] };
     let light = &interface.select(light);
     let extension = interface.select(&interface.extensions.text());
     let fog = if interface.fog { FOG } else { "" };
-    [FRAME, map, &vertex, MATERIAL, &extension, shadow, fog, &surface, light, TONE, pass].concat()
+    [FRAME, map, &vertex, MATERIAL, &extension, &shadow, fog, &surface, light, TONE, pass].concat()
 }
 
 /// A pass over the pixels behind everything, which show an environment, or the sky behind fog.

@@ -85,7 +85,7 @@ use source::GltfSource;
 use variants::ReplacedMaterials;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 15;
+const BAKER_VERSION: u32 = 16;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.
@@ -344,6 +344,7 @@ impl BakeJob<'_> {
         let lights = light_of.keys().map(|&light| light::convert(self, light));
         scene.lights = lights.collect::<Result<_, _>>()?;
         renumber(&mut scene.nodes, |node| &mut node.light, &light_of);
+        light::note_without_shadows(self, &scene);
         let parts = animated_property::SceneParts {
             place_of: &place_of,
             hidden_with: &hidden_with,

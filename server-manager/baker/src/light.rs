@@ -3,7 +3,7 @@
 use glam::Vec3;
 use gltf::json::extensions::scene::khr_lights_punctual::Type;
 use gltf::json::validation::Checked;
-use polyptych_scene::{Light, LightKind};
+use polyptych_scene::{LAMP_MAPS_MAX, Light, LightKind, Scene, lamps_with_maps};
 
 use super::BakeJob;
 use super::error::BakeError;
@@ -49,6 +49,25 @@ pub(super) fn convert(job: &mut BakeJob<'_>, index: u32) -> Result<Light, BakeEr
         job.warn(&format!("{place}.range: it was not above 0 and was left out"));
     }
     Ok(Light { kind, color, intensity, range })
+}
+
+/// Notes how many lights of a scene cast no shadow, because brighter ones take all maps.
+pub(super) fn note_without_shadows(job: &mut BakeJob<'_>, scene: &Scene) {
+    let placed = scene.nodes.iter().filter_map(|node| node.light);
+    let lights = placed.filter_map(|light| scene.lights.get(light as usize));
+    let lamps: Vec<_> = lights
+        .map(|light| (light.lamp_map_count(), (light.color * light.intensity).max_element()))
+        .collect();
+    let has_maps = lamps_with_maps(&lamps);
+    let is_without = |((count, _), has_maps): &(&(usize, f32), &bool)| *count > 0 && !**has_maps;
+    let without = lamps.iter().zip(&has_maps).filter(is_without).count();
+    if without > 0 {
+        let all = lamps.iter().filter(|(count, _)| *count > 0).count();
+        job.warn(&format!(
+            "lights: {without} of {all} point and spot lights cast no shadows: there are \
+             {LAMP_MAPS_MAX} maps for all, of which a point light takes 6; the brightest have them"
+        ));
+    }
 }
 
 fn finite_or(value: f32, other: f32) -> f32 {

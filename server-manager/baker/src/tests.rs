@@ -272,6 +272,27 @@ fn lights_are_brought_into_range() {
 }
 
 #[test]
+fn lights_without_maps_of_shadows_are_noted() {
+    let warnings = |count: usize| {
+        let mut builder = Builder::triangle();
+        let lights = json!([{ "type": "point", "intensity": 5.0 }]);
+        builder.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": lights } });
+        let lamp = json!({ "extensions": { "KHR_lights_punctual": { "light": 0 } } });
+        let mut nodes = builder.json["nodes"].as_array().cloned().unwrap_or_default();
+        let first = nodes.len();
+        nodes.extend(std::iter::repeat_n(lamp, count));
+        builder.json["scenes"] = json!([{ "nodes": (0..nodes.len()).collect::<Vec<_>>() }]);
+        builder.json["scene"] = json!(0);
+        builder.json["nodes"] = json!(nodes);
+        assert_eq!(first, 1);
+        bake_builder(&builder).1.warnings
+    };
+    assert_eq!(warnings(10), [] as [String; 0]);
+    let noted = warnings(12);
+    assert!(noted.len() == 1 && noted[0].starts_with("lights: 2 of 12 point and"), "{noted:?}");
+}
+
+#[test]
 fn a_bake_is_reused_until_a_file_changes() {
     let place = BakeFixture::new();
     let mut builder = Builder::quad();

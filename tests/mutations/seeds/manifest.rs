@@ -4,7 +4,12 @@ use glam::{DAffine3, DQuat, DVec3, Quat, Vec3};
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::deformation::{DeformedPrimitive, Joint, Skin};
 use polyptych_scene::{
-    AlphaMode, AnimatedNode, AnimatedPath, AnimatedProperty, Animations, Anisotropy, Attribute, Bounds, Channel, Clearcoat, Clip, Deformation, DiffuseTransmission, IndexFormat, Instance, Interpolation, Iridescence, LevelCut, Light, LightKind, Material, MaterialExtensions, MaterialProperty, Mesh, Node, NodeExtras, Primitive, PropertyKind, Sampler, Scene, Sheen, Specular, Texture, TextureFormat, TextureRef, Topology, Transmission, Variant, VertexLayout, Volume,
+    AlphaMode, AnimatedNode, AnimatedPath, AnimatedProperty, Animations, Anisotropy, Attribute,
+    Bounds, Channel, Clearcoat, Clip, Deformation, DiffuseTransmission, IndexFormat, Instance,
+    Interpolation, Iridescence, LevelCut, Light, LightKind, Material, MaterialExtensions,
+    MaterialProperty, Mesh, Node, NodeExtras, Primitive, PropertyKind, Sampler, Scene, Sheen,
+    Specular, Texture, TextureFormat, TextureRef, Topology, Transmission, Variant, VertexLayout,
+    Volume,
 };
 
 /// The same with levels of detail, which what clips bend has not.

@@ -244,7 +244,19 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     if LAMPS {
         let list = lamps_of(v);
         for (var i = 0u; i < list.y; i++) {
+            let without = light; //? lamp_shadows
             light += lamp_light(s, position, lamps[lamp_indices[list.x + i]]);
+            let at = lamp_indices[list.x + i]; //? lamp_shadows
+            let is_lit = any(light != without); //? lamp_shadows
+            let lit = position; //? lamp_shadows & !diffuse_transmission
+            let side = facing; //? lamp_shadows & !diffuse_transmission
+            let away = lamps[at].position - position; //? lamp_shadows & diffuse_transmission
+            let is_behind = dot(s.normal, away) < 0.0; //? lamp_shadows & diffuse_transmission
+            let depth = select(0.0, s.depth, is_behind); //? lamp_shadows & diffuse_transmission
+            let lit = position - depth * facing; //? lamp_shadows & diffuse_transmission
+            let side = select(facing, -facing, is_behind); //? lamp_shadows & diffuse_transmission
+            let part = lamp_visibility(at, lit, side, is_lit); //? lamp_shadows
+            light = select(mix(without, light, part), without, part <= 0.0); //? lamp_shadows
         }
     }
     if GLOWING {

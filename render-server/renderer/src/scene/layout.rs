@@ -333,6 +333,7 @@ struct Template {
     lamps: bool,
     linear: bool,
     shadows: ShadowFilter,
+    lamp_shadows: bool,
 }
 
 impl<'a> Sorter<'a> {
@@ -347,11 +348,8 @@ impl<'a> Sorter<'a> {
             sun_count: lights.suns.len() as u8,
             lamps: !lights.lamps.is_empty(),
             linear: drawn.any(blends),
-            shadows: if lights.cast_shadows() {
-                ShadowFilter::default()
-            } else {
-                ShadowFilter::Off
-            },
+            shadows: lights.shadow_filter(),
+            lamp_shadows: lights.has_lamp_shadows,
         };
         Self {
             default_material: Material::default(),
@@ -476,6 +474,7 @@ impl<'a> Sorter<'a> {
             lamps: self.template.lamps,
             linear: self.template.linear,
             shadows: self.template.shadows,
+            lamp_shadows: self.template.lamp_shadows,
         };
         let two_passes = is_blend && features.double_sided && topology == Topology::Triangles;
         let (pipeline, back_pipeline) = if two_passes {

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use glam::{DAffine3, DVec3, Vec3};
 use polyptych_scene::{Light, LightKind, NodeTraits, Scene};
+use polyptych_wall::ShadowFilter;
 
 use super::SceneError;
 use super::draw_item::Bounds;
@@ -83,6 +84,10 @@ pub(crate) struct LocalLight {
     pub cone: [f32; 2],
     pub directional: bool,
     pub on: Condition,
+    /// Maps that its shadows take; 0 if it casts none.
+    pub map_count: usize,
+    /// Half of the angle of the cone, in radians, if it is a spot light.
+    pub outer_rad: Option<f64>,
     range: Option<f64>,
 }
 
@@ -113,6 +118,8 @@ pub(crate) struct Lights {
     pub suns: Vec<DirectionalLight>,
     /// All others.
     pub lamps: Vec<LocalLight>,
+    /// A point or spot light casts shadows, or may at another moment.
+    pub has_lamp_shadows: bool,
     /// Lists of lamps; each item has a range of it.
     pub indices: Vec<u32>,
     moving: Vec<MovingLight>,
@@ -183,6 +190,7 @@ impl Lights {
             let (toward, irradiance) = (-lamp.direction, lamp.intensity);
             self.suns.push(DirectionalLight { toward, irradiance, on: lamp.on, casts_shadows });
         } else {
+            self.has_lamp_shadows |= casts_shadows && !lamp.directional;
             self.lamps.push(lamp);
         }
     }
@@ -190,6 +198,12 @@ impl Lights {
     /// Returns whether a directional light casts shadows.
     pub fn cast_shadows(&self) -> bool {
         self.suns.iter().any(|sun| sun.casts_shadows)
+    }
+
+    /// The filter of the maps of a scene's shadows, if it has any.
+    pub fn shadow_filter(&self) -> ShadowFilter {
+        let has_shadows = self.cast_shadows() || self.has_lamp_shadows;
+        if has_shadows { ShadowFilter::default() } else { ShadowFilter::Off }
     }
 
     /// Returns start and count of the list of the lamps that reach a box. Equal lists are shared.
@@ -235,6 +249,8 @@ impl LocalLight {
             cone: [0.0, 1.0],
             directional: true,
             on,
+            map_count: 0,
+            outer_rad: None,
             range: None,
         }
     }
@@ -260,8 +276,18 @@ impl LocalLight {
             cone,
             directional: light.kind == LightKind::Directional,
             on,
+            map_count: light.lamp_map_count(),
+            outer_rad: match light.kind {
+                LightKind::Spot { outer_rad, .. } => Some(f64::from(outer_rad)),
+                LightKind::Point | LightKind::Directional => None,
+            },
             range: range.map(f64::from),
         }
+    }
+
+    /// The distance at which it ends, in units of the world; infinite of an unlimited one.
+    pub fn reach(&self) -> f64 {
+        f64::from(self.inverse_range).recip()
     }
 
     /// Exact, because the shader's falloff is 0 from the range on.

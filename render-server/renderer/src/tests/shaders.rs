@@ -7,6 +7,7 @@ use wgpu::naga;
 
 use crate::behind_region::{BehindUniform, RegionRecord};
 use crate::environment::EnvironmentUniform;
+use crate::lamp_map::LampShadowRecord;
 use crate::pass::background::{self, BackgroundUniform};
 use crate::pass::correct::{CellRecord, CorrectionUniform, EyeRecord, PlaneRecord};
 use crate::pass::{behind, occluder, opaque, shadow, transparent};
@@ -29,12 +30,15 @@ fn module(name: &str, text: &str) -> naga::Module {
 }
 
 fn interfaces() -> impl Iterator<Item = Interface> {
-    (0..512u32).map(|bits| {
+    // Shadows of lamps only where there are lamps, light and shadows.
+    let is_there = |bits: &u32| *bits < 512 || bits >> 4 & 7 == 7;
+    (0..1024u32).filter(is_there).map(|bits| {
         let bit = |at: u32| bits >> at & 1 == 1;
         let attributes = VertexLayout { tangent: bit(0), uv0: bit(1), uv1: bit(2), color: bit(3) };
         let (shadows, environment, fog) = (bit(6), bit(7), bit(8));
         let extensions = ExtensionSet::default();
-        Interface { attributes, lit: bit(4), lamps: bit(5), shadows, environment, fog, extensions }
+        let (lit, lamps, lamp_shadows) = (bit(4), bit(5), bit(9));
+        Interface { attributes, lit, lamps, shadows, lamp_shadows, environment, fog, extensions }
     })
 }
 
@@ -80,6 +84,8 @@ fn every_shader_validates() {
                 attributes,
                 lit: true,
                 lamps,
+                shadows: lamps,
+                lamp_shadows: lamps,
                 environment,
                 fog,
                 extensions,
@@ -114,6 +120,7 @@ fn of_all() -> Interface {
         lit: true,
         lamps: true,
         shadows: true,
+        lamp_shadows: true,
         extensions,
         ..Interface::default()
     }
@@ -177,6 +184,7 @@ fn uniforms_match_their_twins() {
     );
     twin!("Shadows", ShadowUniform, middle, error, suns);
     twin!("SunShadow", SunShadowRecord, right, count, up, toward, radius4, radii, cascades);
+    twin!("LampShadow", LampShadowRecord, right, count, up, layer, near, scale, texel);
     twin!("Cascade", CascadeRecord, offset, scale, radius, texel, layer);
     twin!(
         "Material",

@@ -1,0 +1,207 @@
+//! The shadows of a frame: the maps of directional, point and spot lights, and their bindings.
+
+use super::FrameResources;
+use super::begun_frame::ShownView;
+use super::lamp_shadows::LampMaps;
+use super::map_sets::{MapOrders, MapSets, Subject, array_view, texture};
+use super::sun_shadows::SunMaps;
+use crate::DrawError;
+use crate::bindings;
+use crate::gpu::Gpu;
+use crate::lamp_map::LampShadowRecord;
+use crate::pass::shadow::ShadowPass;
+use crate::scene::{Bounds, GpuScene};
+use crate::shadow_cascades::MAP_SIDE;
+use crate::shadow_uniform::ShadowUniform;
+use crate::view::ViewDesc;
+
+/// The maps of a frame.
+#[derive(Debug, Default)]
+pub(super) struct FrameShadows {
+    /// The bindings of each view; empty where no light casts shadows.
+    pub groups: Vec<wgpu::BindGroup>,
+    /// Maps that were drawn anew.
+    pub drawn: u32,
+}
+
+/// The maps of a view.
+#[derive(Debug, Default)]
+struct ViewMaps {
+    /// The set, and the maps.
+    suns: Option<(usize, SunMaps)>,
+    /// The set.
+    lamps: Option<usize>,
+}
+
+/// What is bound for a view: maps of suns, and the records and maps of lamps if a scene has any.
+struct Bound<'a> {
+    suns: &'a wgpu::TextureView,
+    uniform: ShadowUniform,
+    lamps: Option<(&'a wgpu::Buffer, &'a wgpu::TextureView)>,
+}
+
+/// The maps of all cameras, and the pass that draws them.
+#[derive(Debug)]
+pub(crate) struct Shadows {
+    pass: ShadowPass,
+    sampler: wgpu::Sampler,
+    /// One map of one texel, for views without shadows; made where one is needed.
+    none: Option<wgpu::TextureView>,
+    suns: MapSets,
+    lamps: MapSets,
+    /// No view has shadows.
+    pub is_off: bool,
+}
+
+impl Shadows {
+    pub fn new(gpu: &Gpu) -> Self {
+        Self {
+            pass: ShadowPass::new(gpu),
+            sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("shadow/sampler"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                compare: Some(wgpu::CompareFunction::GreaterEqual),
+                ..Default::default()
+            }),
+            none: None,
+            suns: MapSets::default(),
+            lamps: MapSets::default(),
+            is_off: false,
+        }
+    }
+
+    /// Makes what is missing for a scene; nothing for one without lights that cast shadows.
+    pub fn prepare(&mut self, gpu: &Gpu, scene: &GpuScene) {
+        self.pass.prepare(gpu, &scene.layout.keys);
+        if has_shadows(scene) && self.none.is_none() {
+            self.none = Some(array_view(&texture(gpu, 1, 1)));
+        }
+    }
+
+    /// The bindings that pipelines are warmed with: no shadows.
+    pub(super) fn none(&self, gpu: &Gpu, scene: &GpuScene) -> Vec<wgpu::BindGroup> {
+        let is_used = !self.is_off && has_shadows(scene);
+        let maps = self.none.as_ref().filter(|_| is_used);
+        let no_lamps = no_lamp_records(gpu, scene);
+        let group = |suns| {
+            let lamps = no_lamps.as_ref().map(|records| (records, suns));
+            self.group(gpu, &Bound { suns, uniform: ShadowUniform::none(), lamps })
+        };
+        maps.map(group).into_iter().collect()
+    }
+
+    /// Draws the maps that views need and that are not there yet.
+    ///
+    /// # Errors
+    /// More casts shadows than is held for one frame, or the scene was not prepared.
+    pub(super) fn draw(
+        &mut self,
+        frames: &mut FrameResources,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        shown: &[ShownView],
+    ) -> Result<FrameShadows, DrawError> {
+        self.suns.begin_frame();
+        self.lamps.begin_frame();
+        if self.is_off || !has_shadows(scene) {
+            return Ok(FrameShadows::default());
+        }
+        let none = self.none.clone().ok_or(DrawError::NotPrepared)?;
+        let (mut suns, mut lamps) = (MapOrders::default(), MapOrders::default());
+        let mut of_views = Vec::with_capacity(shown.len());
+        for (index, (view, _)) in shown.iter().enumerate() {
+            of_views.push(self.maps_of(gpu, scene, (index, view), [&mut suns, &mut lamps]));
+        }
+        let with = (&mut *frames, &self.pass);
+        self.suns.draw(with, gpu, scene, (shown, &suns))?;
+        self.lamps.draw((frames, &self.pass), gpu, scene, (shown, &lamps))?;
+        let no_lamps = no_lamp_records(gpu, scene);
+        let groups = shown.iter().zip(&of_views).map(|((view, _), of)| {
+            let (maps, uniform) = match &of.suns {
+                Some((set, suns)) => (&self.suns.get(*set).all, ShadowUniform::new(view, &suns.0)),
+                None => (&none, ShadowUniform::new(view, &[])),
+            };
+            let lamps = of.lamps.map(|set| self.lamps.get(set));
+            let own = lamps.and_then(|set| Some((set.records.as_ref()?, &set.all)));
+            let lamps = own.or(no_lamps.as_ref().map(|records| (records, &none)));
+            self.group(gpu, &Bound { suns: maps, uniform, lamps })
+        });
+        let drawn = (suns.len() + lamps.len()) as u32;
+        Ok(FrameShadows { groups: groups.collect(), drawn })
+    }
+
+    /// The maps of a view, and orders for those that are not drawn yet; none if it has no shadows.
+    fn maps_of(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        (index, view): (usize, &ViewDesc),
+        [sun_orders, lamp_orders]: [&mut MapOrders; 2],
+    ) -> ViewMaps {
+        if !view.has_shadows {
+            return ViewMaps::default();
+        }
+        let subject = Subject::new(scene, view);
+        let known = self.suns.extent_of(&subject).or_else(|| self.lamps.extent_of(&subject));
+        let extent: Bounds =
+            known.unwrap_or_else(|| scene.extent(scene.layout.tree.select(&view.subset)));
+        let of = (&subject, extent);
+        let suns = SunMaps::new(scene, view, &extent).map(|suns| {
+            let wanted = suns.by_layer();
+            let set = self.suns.find(gpu, of, (&wanted, MAP_SIDE), (index, sun_orders));
+            (set, suns)
+        });
+        let lamps = LampMaps::new(scene, view, &extent).map(|lamps| {
+            let wanted = (&lamps.maps[..], lamps.side);
+            let set = self.lamps.find(gpu, of, wanted, (index, lamp_orders));
+            let records = &mut self.lamps.get_mut(set).records;
+            records.get_or_insert_with(|| record_buffer(gpu, &lamps.records));
+            set
+        });
+        ViewMaps { suns, lamps }
+    }
+
+    fn group(&self, gpu: &Gpu, bound: &Bound<'_>) -> wgpu::BindGroup {
+        use wgpu::util::DeviceExt;
+        let uniforms = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some("shadow/uniforms"),
+            contents: bytemuck::bytes_of(&bound.uniform),
+            usage: wgpu::BufferUsages::UNIFORM,
+        });
+        let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
+        let mut entries = vec![
+            entry(0, uniforms.as_entire_binding()),
+            entry(1, wgpu::BindingResource::TextureView(bound.suns)),
+            entry(2, wgpu::BindingResource::Sampler(&self.sampler)),
+        ];
+        if let Some((records, maps)) = bound.lamps {
+            entries.push(entry(3, records.as_entire_binding()));
+            entries.push(entry(4, wgpu::BindingResource::TextureView(maps)));
+        }
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("shadow/group"),
+            layout: &bindings::shadow_layout(&gpu.device, bound.lamps.is_some()),
+            entries: &entries,
+        })
+    }
+}
+
+fn has_shadows(scene: &GpuScene) -> bool {
+    scene.layout.lights.cast_shadows() || scene.layout.lights.has_lamp_shadows
+}
+
+/// Records of lamps without shadows; `None` if the scene has no lamp that casts any.
+fn no_lamp_records(gpu: &Gpu, scene: &GpuScene) -> Option<wgpu::Buffer> {
+    let is_used = scene.layout.lights.has_lamp_shadows;
+    is_used.then(|| record_buffer(gpu, &vec![LampShadowRecord::default(); scene.lamps().len()]))
+}
+
+fn record_buffer(gpu: &Gpu, records: &[LampShadowRecord]) -> wgpu::Buffer {
+    use wgpu::util::DeviceExt;
+    gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        label: Some("shadow/lamps"),
+        contents: bytemuck::cast_slice(records),
+        usage: wgpu::BufferUsages::STORAGE,
+    })
+}
