@@ -1,0 +1,413 @@
+"""The wall, as a program drives it."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+import json
+import logging
+import threading
+from pathlib import Path, PurePath
+from typing import Any, Callable, Dict, List, Optional, Tuple, Union
+from urllib.parse import quote, urlencode
+
+from .camera_calls import CameraCalls
+from .display_calls import DisplayCalls
+from .errors import (
+    ClientError,
+    ConnectionLost,
+    Failed,
+    Handshake,
+    MalformedPicture,
+    ManagerEnded,
+    RequestTooLarge,
+    WrongAnswer,
+)
+from .events import EventStream, FeedbackStream
+from .feedback import FrameFeedback, OpenProgress, WallStatus
+from .image import Capture, Image, figure
+from .options import ConnectOptions, Timeouts
+from .query_calls import QueryCalls
+from .records import Mismatch, decode, encode
+from .requests import WireRequest, name_of, variant
+from .scene import SceneSummary
+from .scene_calls import SceneCalls
+from .transport import Answer, Call, Transport
+from .wall import Wall
+
+#: The maximum size of a request, in bytes of JSON: the manager's own limit.
+REQUEST_BYTES_MAX = 4 << 20
+
+_PREVIEW_WIDTH = 960
+_CAPTURE = "capture the wall"
+
+
+class Client(SceneCalls, QueryCalls, CameraCalls, DisplayCalls):
+    """A connection with a wall's manager, over its HTTP interface.
+
+    The same calls drive one channel or thirty. Calls of several threads are done one after another;
+    several clients work side by side. A connection that is lost is made again with the next call:
+    a request that was sent fails once with an outcome that is unknown
+    (:attr:`ClientError.is_outcome_unknown`) and is never repeated.
+
+    Every call raises :class:`ClientError`: as the manager says (:class:`Failed`, after which the
+    wall is as it was), or because no answer came (:class:`TimedOut`, :class:`ConnectionLost`,
+    :class:`ManagerEnded`), or because nothing was sent (:class:`Closed`, :class:`NotConnected`).
+    """
+
+    def __init__(self, options: ConnectOptions) -> None:
+        """Connects; see :meth:`connect`."""
+        self._options = options
+        self._lock = threading.RLock()
+        self._wall_name: Optional[str] = None
+        self._epoch = ""
+        self._screens: Optional[Tuple[str, Wall]] = None
+        self._transport = self._new_transport()
+        with self._lock:
+            self._get("read the status", "/status")
+
+    @classmethod
+    def connect(
+        cls,
+        address: str = "127.0.0.1:7880",
+        *,
+        token: Optional[str] = None,
+        token_file: Union[str, Path, None] = None,
+        bearer: Optional[str] = None,
+        keys: Union[str, Path, None] = None,
+        insecure: bool = False,
+        name: str = "python",
+        timeouts: Timeouts = Timeouts(),
+    ) -> Client:
+        """Connects to the manager that serves HTTP at ``address``.
+
+        Without any of ``token``, ``token_file``, ``bearer`` and ``keys`` it shows the user's own
+        token, as every command on the manager's machine does; see :class:`ConnectOptions`.
+
+        :raises ClientError: the text says what would be right.
+        """
+        options = ConnectOptions(
+            address=address,
+            token=token,
+            token_file=None if token_file is None else Path(token_file),
+            bearer=bearer,
+            insecure=insecure,
+            name=name,
+            timeouts=timeouts,
+        )
+        if keys is not None:
+            options = dataclasses.replace(options, keys=Path(keys))
+        return cls(options)
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<polyptych.Client of wall {self._wall_name!r} at {self.address}>"
+
+    @property
+    def address(self) -> str:
+        """The manager's host and port."""
+        return self._options.address
+
+    @property
+    def wall_name(self) -> str:
+        """The wall's name."""
+        return self._wall_name or ""
+
+    @property
+    def epoch(self) -> str:
+        """This life of the manager, 16 hexadecimal digits; another one after it was restarted."""
+        return self._epoch
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is a connection now; the next call makes one where there is none."""
+        with self._lock:
+            return self._transport.is_connected
+
+    def close(self) -> None:
+        """Closes the connection for good. What is temporary of this client ends."""
+        with self._lock:
+            self._transport.close("this program closed it")
+
+    def request(self, request: WireRequest) -> Any:
+        """Sends any request in the form of the wire, and returns its answer as JSON.
+
+        ``wall.request({"SetExposure": 2.0})`` returns ``"Done"``; the other calls are this, typed.
+        ``/api/v1/openapi.json`` has all requests.
+
+        :raises ValueError: it is no request of the wire.
+        """
+        kind = variant(request)
+        is_long = kind in ("OpenScene", "OpenOutcome")
+        timeouts = self._options.timeouts
+        timeout_s = timeouts.open_scene if is_long else timeouts.other
+        return self._post_request(request, Call("", "", "", timeout_s))
+
+    def open_scene(
+        self, path: str, on_progress: Optional[Callable[[OpenProgress], None]] = None
+    ) -> SceneSummary:
+        """Shows a scene; returns once every live channel can draw it.
+
+        :param path: a file in one of the manager's scene folders, or ``saved:NAME``.
+        :param on_progress: called when the manager says how far it has come.
+        :raises Failed: it cannot be opened; the wall shows what it showed before.
+        """
+        request: WireRequest = {"OpenScene": {"path": path}}
+        given = self._post_request(request, self._opening(path, on_progress))
+        return self._scene(given.get("SceneOpened") if isinstance(given, dict) else given)
+
+    def show_scene(
+        self, path: str, heading_deg: float = 30.0
+    ) -> Tuple[SceneSummary, FrameFeedback]:
+        """Opens a scene, places the camera so that all of it is seen, and draws a frame.
+
+        The manager places the camera, on curved walls too, as ``polyptych open`` does.
+
+        :param heading_deg: the direction from which the scene is seen, around +Y.
+        """
+        call = self._opening(path, None)
+        body = _body("open the scene", {"path": path, "heading_deg": float(heading_deg)})
+        call = dataclasses.replace(call, name="open the scene", method="POST", path="/scene/open")
+        said = self._json(self._exchange(dataclasses.replace(call, body=body)), call.name)
+        try:
+            frame = decode(FrameFeedback, said["frame"], "frame")
+        except (Mismatch, KeyError, TypeError) as error:
+            raise WrongAnswer(call.name, str(error)) from None
+        return self._scene(said["scene"]), frame
+
+    def capture(self, time_s: Optional[float] = None, channels: bool = False) -> Capture:
+        """Draws and shows one frame, and returns its pictures: each screen as it hangs on the wall.
+
+        :param time_s: scene time in seconds; frames at equal steps of it make a film, however long
+            each takes. Without it the wall's own clock goes on.
+        :param channels: also each channel as its display has it, each drawn once more at the same
+            scene time: other programs should not change the wall meanwhile.
+        """
+        with self._lock:
+            wall = self._described()
+            if channels and time_s is None:
+                time_s = self.render_frame().time_s
+            whole, headers = self._picture("/wall.rgba", "wall", time_s)
+            screens = self._screens_of(wall, whole, time_s)
+            names = [channel.name for channel in wall.channels]
+            missing = self._missing(headers)
+            gone = {name for name, _ in missing}
+            pictures = [
+                self._picture(f"/channels/{quote(name, safe='')}.rgba", name, time_s)[0]
+                for name in names
+                if channels and name not in gone
+            ]
+        return Capture(whole.frame or 0, screens, pictures, missing)
+
+    def preview(self, width: int = _PREVIEW_WIDTH, max_age_s: float = 1.0) -> Image:
+        """Returns a small picture of the wall as it is, which all who ask share.
+
+        It is of the next frame that the wall draws anyway, or of the last one drawn once more; it
+        moves no clock.
+
+        :param width: pixels across, at most 1920.
+        :param max_age_s: the age that it may have, in seconds, up to 60.
+        """
+        query = {"width": width, "max_age_ms": max(1, round(1000.0 * max_age_s))}
+        return self._picture("/wall.rgba", "wall", None, query)[0]
+
+    def events(self, feedback: bool = False) -> EventStream:
+        """Returns an iterator of the wall's status, twice a second, and of what happens in words.
+
+        :param feedback: also what every frame became.
+        """
+        return EventStream(self._new_transport, feedback)
+
+    def feedback(self) -> FeedbackStream:
+        """Returns an iterator of what every frame becomes that is shown after this returns."""
+        return FeedbackStream(self.events(feedback=True))
+
+    def stop(self) -> None:
+        """Ends the manager. Its goodbye instead of an answer is as good."""
+        try:
+            self._do("Stop")
+        except (ManagerEnded, ConnectionLost):
+            pass
+
+    def _new_transport(self) -> Transport:
+        transport = Transport(self._options)
+
+        def introduce() -> None:
+            call = Call("read the status", "GET", "/status", self._options.timeouts.connect)
+            self._introduced(transport.introduction(call))
+
+        transport.introduce = introduce
+        return transport
+
+    def _introduced(self, said: Any) -> None:
+        wall, epoch = str(said.get("wall")), str(said.get("epoch"))
+        if self._wall_name not in (None, wall):
+            reason = f"it drives wall {wall} now, not {self._wall_name}"
+            raise Handshake(self.address, reason)
+        self._wall_name, self._epoch = wall, epoch
+
+    def _exchange(self, call: Call) -> Answer:
+        with self._lock:
+            answer = self._transport.exchange(call)
+        if "polyptych-warning" in answer.headers:
+            _log(answer.headers["polyptych-warning"])
+        return answer
+
+    def _get(self, name: str, path: str) -> Any:
+        call = Call(name, "GET", path, self._options.timeouts.other)
+        return self._json(self._exchange(call), name)
+
+    def _post_request(self, request: WireRequest, pattern: Call) -> Any:
+        name = name_of(request)
+        body = _body(name, request)
+        call = dataclasses.replace(pattern, name=name, method="POST", path="/requests", body=body)
+        said = self._json(self._exchange(call), name)
+        if not isinstance(said, dict) or "response" not in said:
+            raise WrongAnswer(name, f"{said!r}")
+        for warning in said.get("warnings", []):
+            _log(str(warning))
+        return said["response"]
+
+    def _json(self, answer: Answer, name: str) -> Any:
+        try:
+            return json.loads(answer.body)
+        except ValueError as error:
+            raise WrongAnswer(name, f"no JSON: {error}") from None
+
+    def _scene(self, said: Any) -> SceneSummary:
+        try:
+            return decode(SceneSummary, said, "scene")
+        except Mismatch as error:
+            raise WrongAnswer("open the scene", str(error)) from None
+
+    def _opening(self, path: str, on_progress: Optional[Callable[[OpenProgress], None]]) -> Call:
+        """A call that asks over another connection how far the manager has come."""
+        scene, watcher = PurePath(path.partition(":")[2] or path).stem, self._new_transport()
+        last: List[OpenProgress] = []
+
+        def is_going_on() -> bool:
+            call = Call("read the status", "GET", "/status", self._options.timeouts.other)
+            try:
+                status = decode(WallStatus, json.loads(watcher.exchange(call).body))
+            except (ClientError, Mismatch, ValueError):
+                return False
+            found = [opening for opening in status.opening if opening.scene == scene]
+            if not found or last[-1:] == [found[0].progress]:
+                return False
+            last.append(found[0].progress)
+            if on_progress is not None:
+                on_progress(found[0].progress)
+            return True
+
+        period_s = 5.0 if on_progress is None else 0.2
+        timeout_s = self._options.timeouts.open_scene
+        return Call("", "", "", timeout_s, is_going_on=is_going_on, period_s=period_s)
+
+    def _described(self) -> Wall:
+        """The wall's description, which lasts as long as its manager."""
+        if self._screens is None or self._screens[0] != self._epoch:
+            wall = self.wall()
+            self._screens = (self._epoch, wall)
+        return self._screens[1]
+
+    def _screens_of(self, wall: Wall, whole: Image, time_s: Optional[float]) -> List[Image]:
+        """The pictures of the screens, which stand side by side in that of the wall."""
+        sizes = [screen.canvas for screen in wall.screens]
+        if sum(size[0] for size in sizes) == whole.width:
+            images, left = [], 0
+            for screen in wall.screens:
+                width, height = screen.canvas
+                images.append(whole.part(screen.name, left, 0, width, height))
+                left += width
+            return images
+        names = [screen.name for screen in wall.screens]
+        return [
+            self._picture(f"/screens/{quote(name, safe='')}.rgba", name, time_s)[0]
+            for name in names
+        ]
+
+    def _missing(self, headers: Any) -> List[Tuple[str, str]]:
+        listed = str(headers.get("polyptych-missing", ""))
+        if not listed:
+            return []
+        names = _text(listed).split(", ")
+        reasons = {channel.name: channel.reason for channel in self.status().channels}
+        return [(name, reasons.get(name) or "it sent no picture") for name in names]
+
+    def _picture(
+        self,
+        path: str,
+        name: str,
+        time_s: Optional[float],
+        query: Optional[Dict[str, Any]] = None,
+    ) -> Tuple[Image, Any]:
+        asked = dict(query or {})
+        if time_s is not None:
+            try:
+                asked["time_s"] = encode(float(time_s))
+            except ValueError as error:
+                raise Failed(_CAPTURE, str(error)) from None
+        options = self._options
+        answer = self._exchange(
+            Call(
+                _CAPTURE,
+                "GET",
+                f"{path}?{urlencode(asked)}" if asked else path,
+                options.timeouts.capture,
+                bytes_max=options.capture_bytes_max,
+            )
+        )
+        try:
+            width = int(answer.headers["polyptych-width"])
+            height = int(answer.headers["polyptych-height"])
+            frame = answer.headers.get("polyptych-frame")
+            number = None if frame is None else int(frame)
+        except (KeyError, ValueError) as error:
+            raise MalformedPicture(f"{name} came without its size: {error}") from None
+        expected = 4 * width * height
+        if len(answer.body) != expected:
+            raise MalformedPicture(
+                f"{name} came with {len(answer.body)} bytes; {width} x {height} pixels have "
+                f"{expected}"
+            )
+        return Image(name, width, height, answer.body, number), answer.headers
+
+    def _repr_html_(self) -> str:
+        """The wall as it stands: a preview, and the state of every channel."""
+        try:
+            status, picture = self.status(), self.preview()
+        except ClientError as error:
+            return f"<p>{html.escape(str(error))}</p>"
+        scene = "no scene" if status.scene is None else f"scene {status.scene}"
+        title = f"wall {status.wall}, {scene}, frame {status.frame}"
+        rows = "".join(
+            f"<tr><td>{html.escape(channel.name)}</td><td>{channel.state.value}</td>"
+            f"<td>{html.escape(channel.reason or '')}</td></tr>"
+            for channel in status.channels
+        )
+        return f"{figure(title, 'image/png', picture.to_png())}<table>{rows}</table>"
+
+
+def _body(name: str, value: Any) -> bytes:
+    try:
+        body = json.dumps(encode(value), allow_nan=False).encode()
+    except ValueError as error:
+        raise Failed(name, str(error)) from None
+    if len(body) > REQUEST_BYTES_MAX:
+        reason = f"it takes {len(body)} bytes, and a request has at most {REQUEST_BYTES_MAX}"
+        raise RequestTooLarge(name, reason)
+    return body
+
+
+def _text(header: str) -> str:
+    """The text of a header, which http.client takes for Latin-1."""
+    return header.encode("latin-1", "replace").decode("utf-8", "replace")
+
+
+def _log(warning: str) -> None:
+    logging.getLogger("polyptych").warning("%s", warning)

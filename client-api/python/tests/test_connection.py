@@ -1,0 +1,303 @@
+"""What the client does where a manager is silent, gone, in the way, or says no."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import tempfile
+import threading
+import unittest
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Tuple
+
+from manager_double import STATUS, TOKEN, Handler, ManagerDouble, answer
+
+import polyptych
+from polyptych import bearer, credentials
+
+QUICK = polyptych.Timeouts(open_scene=0.3, capture=0.3, other=0.3, connect=2.0)
+
+
+def connect(double: ManagerDouble, **more: Any) -> polyptych.Client:
+    options = polyptych.ConnectOptions(
+        address=double.address,
+        bearer="b" * 64,
+        keys=None,
+        timeouts=QUICK,
+        reconnect=polyptych.ReconnectPolicy(wait=0.3),
+    )
+    return polyptych.Client(replace(options, **more))
+
+
+def says(status: int, value: Any, headers: Tuple[Tuple[str, str], ...] = ()) -> Handler:
+    def handler(connected: socket.socket, *_: Any) -> bool:
+        connected.sendall(answer(status, value, headers))
+        return True
+
+    return handler
+
+
+def hangs_up(connected: socket.socket, *_: Any) -> bool:
+    return False
+
+
+class Outcomes(unittest.TestCase):
+    """Each way in which a request ends has its error, and no request is sent twice."""
+
+    def fails(self, handler: Handler, kind: Any, text: str, is_unknown: bool = False) -> None:
+        with ManagerDouble(handler) as double:
+            with connect(double) as wall, self.assertRaises(kind) as caught:
+                wall.set_exposure(2.0)
+            self.assertIn(text, str(caught.exception))
+            self.assertEqual(caught.exception.is_outcome_unknown, is_unknown)
+            self.assertEqual(double.requests, [("POST", "/api/v1/requests")], "sent once")
+
+    def test_the_manager_refuses_with_its_own_text(self) -> None:
+        said = {"error": "an exposure is above 0, not -1"}
+        self.fails(says(422, said), polyptych.Failed, "cannot set the exposure: an exposure is")
+        self.fails(says(400, said), polyptych.Failed, "an exposure is above 0, not -1")
+        self.fails(says(413, said), polyptych.RequestTooLarge, "an exposure is above 0, not -1")
+        for status in (401, 403, 421):
+            self.fails(says(status, said), polyptych.Refused, "an exposure is above 0, not -1")
+
+    def test_a_manager_that_ends_leaves_the_outcome_unknown(self) -> None:
+        said = {"error": "the manager ended this client: it stops"}
+        self.fails(says(503, said), polyptych.ManagerEnded, "is unknown", is_unknown=True)
+        busy = {"error": "4 captures are on their way; ask again later"}
+        self.fails(says(503, busy), polyptych.Failed, "4 captures are on their way")
+
+    def test_a_connection_that_ends_is_not_asked_again(self) -> None:
+        self.fails(hangs_up, polyptych.ConnectionLost, "whether it did", is_unknown=True)
+
+        def breaks_off(connected: socket.socket, *_: Any) -> bool:
+            connected.sendall(answer(200, b'{"response"', length=500))
+            return False
+
+        self.fails(breaks_off, polyptych.ConnectionLost, "broke off", is_unknown=True)
+
+    def test_silence_times_out(self) -> None:
+        held = threading.Event()
+
+        def is_silent(connected: socket.socket, *_: Any) -> bool:
+            held.wait(20.0)
+            return False
+
+        self.fails(is_silent, polyptych.TimedOut, "within 0.3 s", is_unknown=True)
+        held.set()
+
+    def test_other_answers_are_no_answers(self) -> None:
+        other = {"response": {"Frame": {}}, "warnings": []}
+        self.fails(says(200, other), polyptych.WrongAnswer, "something else: Frame")
+        self.fails(says(200, b"hello"), polyptych.WrongAnswer, "no JSON")
+        self.fails(says(500, b"<html>"), polyptych.Handshake, "status 500: <html>")
+
+    def test_numbers_that_json_has_not_are_refused_here(self) -> None:
+        with ManagerDouble(hangs_up) as double:
+            wall = connect(double)
+            self.addCleanup(wall.close)
+            for number in (float("nan"), float("inf")):
+                with self.assertRaises(polyptych.Failed) as caught:
+                    wall.set_exposure(number)
+                self.assertIn("not finite", str(caught.exception))
+            with self.assertRaises(polyptych.RequestTooLarge):
+                wall.request({"Edit": {"assets": "x" * (5 << 20)}})
+            self.assertEqual(double.requests, [], "nothing was sent")
+
+    def test_pictures_that_do_not_fit_are_refused(self) -> None:
+        size = (("polyptych-width", "2"), ("polyptych-height", "1"))
+        for body, headers, kind, text in (
+            (bytes(7), size, polyptych.MalformedPicture, "7 bytes; 2 x 1 pixels have 8"),
+            (bytes(8), (), polyptych.MalformedPicture, "without its size"),
+            (bytes(101), size, polyptych.CaptureTooLarge, "more than 100 bytes"),
+        ):
+            with ManagerDouble(says(200, body, headers)) as double:
+                wall = connect(double, capture_bytes_max=100)
+                self.addCleanup(wall.close)
+                with self.assertRaises(kind) as caught:
+                    wall.preview()
+                self.assertIn(text, str(caught.exception))
+
+
+class Connecting(unittest.TestCase):
+    """A client finds its manager, or says why not."""
+
+    def fails(self, kind: Any, text: str, address: str = "127.0.0.1:1", **more: Any) -> None:
+        options = polyptych.ConnectOptions(address=address, bearer="b", keys=None, timeouts=QUICK)
+        with self.assertRaises(kind) as caught:
+            polyptych.Client(replace(options, **more))
+        self.assertIn(text, str(caught.exception))
+
+    def test_addresses_that_lead_nowhere(self) -> None:
+        self.fails(polyptych.NoManager, "polyptych manager --http 127.0.0.1:1")
+        self.fails(polyptych.Unresolved, "write HOST:PORT", "127.0.0.1:99999")
+        self.fails(polyptych.NotSecured, "192.0.2.7 is reached over a network", "192.0.2.7:7880")
+        self.fails(polyptych.Keys, "polyptych keys WALL.toml", keys=Path("/nowhere/at/all"))
+
+    def test_a_program_that_says_nothing_is_no_manager(self) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as listener:
+            address = "127.0.0.1:%d" % listener.getsockname()[1]
+            quick = replace(QUICK, connect=0.2)
+            self.fails(polyptych.NoIntroduction, "within 0.2 s", address, timeouts=quick)
+
+    def test_a_program_that_speaks_something_else_is_no_manager(self) -> None:
+        def speaks(listener: socket.socket) -> None:
+            connected, _ = listener.accept()
+            connected.recv(1 << 16)
+            connected.sendall(b"220 mail.example ESMTP\r\n")
+            connected.close()
+
+        with socket.create_server(("127.0.0.1", 0)) as listener:
+            threading.Thread(target=speaks, args=(listener,), daemon=True).start()
+            address = "127.0.0.1:%d" % listener.getsockname()[1]
+            self.fails(polyptych.Handshake, "no manager that this client understands", address)
+
+    def test_the_bearer_is_shown_only_to_who_knows_the_token(self) -> None:
+        shown = []
+
+        def challenge(connected: socket.socket, method: str, path: str, body: bytes) -> bool:
+            shown.append(path)
+            nonce = json.loads(body)["nonce"]
+            proof = bearer.manager_proof(token, "m" * 32, nonce)
+            connected.sendall(answer(200, {"nonce": "m" * 32, "proof": proof}))
+            return True
+
+        token = TOKEN
+        with ManagerDouble(challenge) as double:
+            wall = connect(double, bearer=None, token=TOKEN)
+            self.addCleanup(wall.close)
+            self.assertEqual((wall.wall_name, wall.epoch), ("double", "00000000000000aa"))
+            token = "fedcba9876543210"
+            with self.assertRaises(polyptych.Handshake) as caught:
+                connect(double, bearer=None, token=TOKEN)
+            self.assertIn("does not know the token", str(caught.exception))
+        self.assertEqual(shown, ["/api/v1/login/challenge"] * 2)
+
+    def test_a_connection_that_was_idle_is_made_again(self) -> None:
+        done = {"response": "Done", "warnings": []}
+
+        def once(connected: socket.socket, *_: Any) -> bool:
+            connected.sendall(answer(200, done))
+            return False
+
+        with ManagerDouble(once) as double:
+            wall = connect(double)
+            self.addCleanup(wall.close)
+            for _ in range(3):
+                wall.set_exposure(1.0)
+                while wall.is_connected:
+                    pass
+            self.assertEqual(len(double.requests), 3)
+            self.assertEqual(double.connections, 3)
+
+    def test_a_manager_that_does_not_come_back_is_said_with_nothing_sent(self) -> None:
+        with ManagerDouble(hangs_up) as double:
+            wall = connect(double)
+            self.addCleanup(wall.close)
+            with self.assertRaises(polyptych.ConnectionLost):
+                wall.pause()
+        with self.assertRaises(polyptych.NotConnected) as caught:
+            wall.pause()
+        self.assertIn("nothing was sent", str(caught.exception))
+        self.assertFalse(caught.exception.is_outcome_unknown)
+
+    def test_another_wall_is_not_taken_for_the_first(self) -> None:
+        with ManagerDouble(hangs_up) as double:
+            wall = connect(double)
+            self.addCleanup(wall.close)
+            with self.assertRaises(polyptych.ConnectionLost):
+                wall.pause()
+            double.status = {**STATUS, "wall": "other"}
+            with self.assertRaises(polyptych.NotConnected) as caught:
+                wall.pause()
+            self.assertIn("it drives wall other now, not double", str(caught.exception))
+
+    def test_a_client_that_was_closed_stays_closed(self) -> None:
+        with ManagerDouble(hangs_up) as double:
+            with connect(double) as wall:
+                pass
+            with self.assertRaises(polyptych.Closed):
+                wall.status()
+            self.assertEqual(double.requests, [])
+
+    def test_addresses_have_a_usual_port(self) -> None:
+        for text, expected in (
+            ("wall-3", ("wall-3", 7880)),
+            ("wall-3:80", ("wall-3", 80)),
+            ("::1", ("::1", 7880)),
+            ("[::1]:9", ("::1", 9)),
+            ("http://127.0.0.1:1/", ("127.0.0.1", 1)),
+        ):
+            options = polyptych.ConnectOptions(address=text, keys=None)
+            self.assertEqual(options.host_and_port(), expected)
+
+
+class Events(unittest.TestCase):
+    """Events come in order, and a stream that breaks off is begun again."""
+
+    def test_a_stream_goes_on_after_its_connection(self) -> None:
+        text = (
+            f"event: status\ndata: {json.dumps(STATUS)}\n\n"
+            'event: log\ndata: {"text": "channel a is lost"}\n\n'
+            "event: other\ndata: 1\n\n"
+            'event: lost\ndata: {"events": 7}\n\n'
+        )
+
+        def streams(connected: socket.socket, *_: Any) -> bool:
+            head = b"HTTP/1.1 200 OK\r\ncontent-type: text/event-stream\r\n\r\n"
+            connected.sendall(head + text.encode())
+            return False
+
+        with ManagerDouble(streams) as double:
+            with connect(double) as wall, wall.events() as events:
+                seen = [next(events) for _ in range(6)]
+            with self.assertRaises(polyptych.Closed):
+                next(events)
+        kinds = [type(event).__name__ for event in seen]
+        self.assertEqual(kinds, ["StatusEvent", "LogEvent", "LostEvent"] * 2)
+        self.assertEqual(seen[1], polyptych.LogEvent("channel a is lost"))
+        self.assertEqual(seen[2], polyptych.LostEvent(7))
+
+
+class Secrets(unittest.TestCase):
+    """Secrets are read where commands read them, and printed nowhere."""
+
+    def test_tokens_are_private_files(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "token"
+            for text, mode, said in (
+                ("0123456789abcdef\n", 0o600, None),
+                ("0123456789abcdef", 0o644, "run: chmod 600"),
+                ("short", 0o600, "16 to 256 characters"),
+                ("0123456789abcde%", 0o600, "16 to 256 characters"),
+            ):
+                path.write_text(text)
+                os.chmod(path, mode)
+                if said is None:
+                    self.assertEqual(credentials.read_token(path), "0123456789abcdef")
+                    continue
+                with self.assertRaises(polyptych.Token) as caught:
+                    credentials.read_token(path)
+                self.assertIn(said, str(caught.exception))
+            with self.assertRaises(polyptych.Token):
+                credentials.read_token(Path(folder))
+
+    def test_the_place_of_the_token(self) -> None:
+        for environment, expected in (
+            ({"POLYPTYCH_TOKEN_FILE": "/a", "HOME": "/b"}, "/a"),
+            ({"XDG_STATE_HOME": "/s", "HOME": "/b"}, "/s/polyptych/token"),
+            ({"HOME": "/b"}, "/b/.local/state/polyptych/token"),
+        ):
+            self.assertEqual(str(credentials.default_token_path(environment)), expected)
+        with self.assertRaises(polyptych.Token):
+            credentials.default_token_path({})
+
+    def test_secrets_are_not_printed(self) -> None:
+        options = polyptych.ConnectOptions(token=TOKEN, bearer="b" * 64, keys=None)
+        self.assertNotIn(TOKEN, repr(options))
+        self.assertNotIn("b" * 64, repr(options))
+
+
+if __name__ == "__main__":
+    unittest.main()
