@@ -63,8 +63,7 @@ class Client(SceneCalls, QueryCalls, CameraCalls, DisplayCalls):
         self._epoch = ""
         self._screens: Optional[Tuple[str, Wall]] = None
         self._transport = self._new_transport()
-        with self._lock:
-            self._get("read the status", "/status")
+        self._transport.connect()
 
     @classmethod
     def connect(
@@ -257,10 +256,6 @@ class Client(SceneCalls, QueryCalls, CameraCalls, DisplayCalls):
         if "polyptych-warning" in answer.headers:
             _log(answer.headers["polyptych-warning"])
         return answer
-
-    def _get(self, name: str, path: str) -> Any:
-        call = Call(name, "GET", path, self._options.timeouts.other)
-        return self._json(self._exchange(call), name)
 
     def _post_request(self, request: WireRequest, pattern: Call) -> Any:
         name = name_of(request)

@@ -12,6 +12,7 @@ from .records import Vec3
 from .requests import Requests
 from .scene import (
     NODES_MAX,
+    Convex,
     NearestPoint,
     NodeInfo,
     NodePage,
@@ -92,6 +93,19 @@ class QueryCalls(Requests):
         except PickError as error:
             raise Failed("pick", str(error)) from None
         return self.cast_ray(RayQuery(ray, subset=SceneSubset(view.root, view.layers)))
+
+    def pick_region(self, screen: str, corners: Sequence[Sequence[float]]) -> Convex:
+        """Returns the region that a rectangle of a screen shows: a pyramid from the viewer's eye.
+
+        :param corners: the upper left and the lower right corner, in pixels as for :meth:`pick`.
+        :raises Failed: there is no such rectangle, or the screen is not a plane.
+        """
+        wall, presentation = self.wall(), self.presentation()
+        views, head = presentation.all_views(), presentation.head
+        try:
+            return Convex(wall.pick_region(views, head, screen, corners))
+        except PickError as error:
+            raise Failed("pick a region", str(error)) from None
 
     def nearest_point(
         self, point: Sequence[float], within: Optional[float] = None

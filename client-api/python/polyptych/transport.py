@@ -122,6 +122,13 @@ class Transport:
         """Whether there is a connection now."""
         return self._connection is not None and not _is_over(self._connection)
 
+    def connect(self) -> None:
+        """Connects, if there is no connection.
+
+        :raises ClientError: there is no manager for this client; the text says why.
+        """
+        self._connected("connect")
+
     def close(self, reason: str) -> None:
         """Closes the connection for good."""
         self._close_reason = reason
@@ -261,7 +268,9 @@ class Transport:
             said = json.loads(answer.body)
         except TimedOut:
             raise NoIntroduction(address, call.timeout_s) from None
-        except (Failed, ConnectionLost) as error:
+        except Failed as error:
+            raise Refused(address, error.reason) from None
+        except ConnectionLost as error:
             raise Handshake(address, error.reason) from None
         except ValueError as error:
             raise Handshake(address, f"its answer is no JSON: {error}") from None

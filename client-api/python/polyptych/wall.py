@@ -186,6 +186,60 @@ class Wall:
                 return view
         return None
 
+    def pick_region(
+        self,
+        views: Sequence[View],
+        head: HeadPose,
+        screen: str,
+        corners: Sequence[Sequence[float]],
+    ) -> List[Tuple[Vec3, float]]:
+        """Returns the half spaces of the region that a rectangle of a screen shows.
+
+        The rectangle goes from its upper left to its lower right corner; the region is a pyramid
+        from the eye that goes on without an end. Each half space has the normal that points out of
+        it, and its product with the points of the border.
+
+        :raises PickError: there is no such rectangle, it shows more than one view, or the screen is
+            not a plane.
+        """
+        begin, end = ((float(corner[0]), float(corner[1])) for corner in corners)
+        if not (begin[0] < end[0] and begin[1] < end[1]):
+            raise PickError(
+                f"the rectangle from {list(begin)} to {list(end)} is empty; give its upper left "
+                "corner first"
+            )
+        found = self.screens[self._screen(screen)]
+        view = self._only_view(views, screen, begin, end)
+        if view.projection == Projection() and found.plane() is None:
+            raise PickError(
+                f"screen {screen} is not a plane, so its rectangles show no pyramid; pick pixels "
+                "of it"
+            )
+        # The last row and column end where the view does.
+        right, bottom = _below(end[0]), _below(end[1])
+        places = [begin, (begin[0], bottom), (right, bottom), (right, begin[1])]
+        return _sides([self.pick_ray(views, head, screen, place) for place in places])
+
+    def _only_view(self, views: Sequence[View], screen: str, begin: Vec2, end: Vec2) -> View:
+        """The view of which alone a rectangle shows a part."""
+        index = self._screen(screen)
+        for view in reversed(views):
+            if view.area.screen is None:
+                return view
+            x, y, width, height = view.area.rect
+            is_beside = (
+                x >= end[0] or y >= end[1] or x + width <= begin[0] or y + height <= begin[1]
+            )
+            if view.area.screen != index or is_beside:
+                continue
+            is_across = x <= begin[0] and x + width >= end[0]
+            if is_across and y <= begin[1] and y + height >= end[1]:
+                return view
+            raise PickError(
+                "the rectangle shows more than one view; give one that lies in a single view"
+            )
+        return views[0]
+
     def _screen(self, name: str) -> int:
         for index, screen in enumerate(self.screens):
             if screen.name == name:
@@ -218,3 +272,39 @@ class Wall:
             through = (start[0], start[1], -1.0)
         origin = view.camera.world_from_display(start)
         return origin, vectors.subtract(view.camera.world_from_display(through), origin)
+
+
+def _below(number: float) -> float:
+    """The largest number below this one, which is above 0."""
+    mantissa, exponent = math.frexp(number)
+    return number - math.ldexp(2.0**-53 if mantissa > 0.5 else 2.0**-54, exponent)
+
+
+def _sides(rays: Sequence[Ray]) -> List[Tuple[Vec3, float]]:
+    """The planes between neighbouring rays, and that of their origins where these differ."""
+    ends = [vectors.add(ray.origin, ray.direction) for ray in rays]
+    total = ends[0]
+    for end in ends[1:]:
+        total = vectors.add(total, end)
+    middle = vectors.scaled(total, 1.0 / len(ends))
+    planes = []
+    for index, ray in enumerate(rays):
+        along = vectors.subtract(ends[(index + 1) % len(ends)], ends[index])
+        planes.append(_side(vectors.cross(along, ray.direction), ray.origin, middle))
+    first = rays[0].origin
+    floor = vectors.cross(
+        vectors.subtract(rays[1].origin, first), vectors.subtract(rays[2].origin, first)
+    )
+    if floor != (0.0, 0.0, 0.0):
+        planes.append(_side(floor, first, middle))
+    return planes
+
+
+def _side(normal: Vec3, through: Vec3, inner: Vec3) -> Tuple[Vec3, float]:
+    """The half space of a plane through a point on whose one side the other point lies."""
+    out = vectors.normalized(normal)
+    if out is None:
+        raise PickError("the viewer's eye is at that very point of the screen")
+    if vectors.dot(out, vectors.subtract(inner, through)) > 0.0:
+        out = vectors.scaled(out, -1.0)
+    return out, vectors.dot(out, through)

@@ -153,6 +153,13 @@ class Connecting(unittest.TestCase):
             address = "127.0.0.1:%d" % listener.getsockname()[1]
             self.fails(polyptych.Handshake, "no manager that this client understands", address)
 
+    def test_a_manager_that_is_full_refuses(self) -> None:
+        full = {"error": "384 connections are open, and no more may be; end one of them"}
+        with ManagerDouble(says(503, full)) as double:
+            with self.assertRaises(polyptych.Refused) as caught:
+                connect(double, bearer=None, token=TOKEN)
+            self.assertIn("refused this client: 384 connections", str(caught.exception))
+
     def test_the_bearer_is_shown_only_to_who_knows_the_token(self) -> None:
         shown = []
 
