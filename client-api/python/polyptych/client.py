@@ -372,6 +372,13 @@ class Client(SceneCalls, QueryCalls, CameraCalls, DisplayCalls):
             )
         return Image(name, width, height, answer.body, number), answer.headers
 
+    def _repr_png_(self) -> Optional[bytes]:
+        """The wall as it stands, for programs that show no HTML."""
+        try:
+            return self.preview().to_png()
+        except ClientError:
+            return None
+
     def _repr_html_(self) -> str:
         """The wall as it stands: a preview, and the state of every channel."""
         try:

@@ -63,6 +63,17 @@ def read_token(path: Path) -> str:
     return text
 
 
+def checked_bearer(text: str) -> str:
+    """Returns a bearer token without the blanks around it.
+
+    :raises Token: it is no bearer token.
+    """
+    bare = text.strip()
+    if len(bare) != 64 or any(digit not in "0123456789abcdef" for digit in bare):
+        raise Token("a bearer token has 64 hexadecimal digits; polyptych login --token prints it")
+    return bare
+
+
 def _check_private(path: Path, facts: os.stat_result) -> None:
     if not hasattr(os, "geteuid"):
         return

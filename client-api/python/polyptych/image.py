@@ -6,7 +6,7 @@ import base64
 import html
 import struct
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, List, Optional, Sequence, Tuple, Union
 
@@ -61,6 +61,8 @@ class Image:
 
     def part(self, name: str, left: int, top: int, width: int, height: int) -> Image:
         """Returns a rectangle of the picture, as a picture of this name."""
+        if (left, top, width, height) == (0, 0, self.width, self.height):
+            return replace(self, name=name)
         rows = []
         for y in range(top, top + height):
             at = 4 * (y * self.width + left)

@@ -240,7 +240,7 @@ class Transport:
             else None
         )
         if shown:
-            self._authorization = f"Bearer {shown}"
+            self._authorization = f"Bearer {credentials.checked_bearer(shown)}"
             return
         token = options.token
         if token is None:
@@ -295,7 +295,7 @@ class Transport:
         return Answer({name.lower(): value for name, value in response.getheaders()}, body)
 
     def _send(self, connection: Connection, call: Call, until: float) -> http.client.HTTPResponse:
-        headers = {"User-Agent": self.options.name.replace(" ", "-") or "python"}
+        headers = {"User-Agent": _product(self.options.name)}
         if call.body is not None:
             headers["Content-Type"] = "application/json"
         if self._authorization is not None:
@@ -358,6 +358,12 @@ class Transport:
             self.drop()
             return ManagerEnded(call.name, self.options.address, reason)
         return Failed(call.name, reason)
+
+
+def _product(name: str) -> str:
+    """A name as HTTP has it: a word of plain letters, digits and some signs."""
+    kept = "".join(of if of.isascii() and (of.isalnum() or of in "._-") else "_" for of in name)
+    return kept or "python"
 
 
 def _limit(connection: Connection, timeout_s: float) -> None:

@@ -124,7 +124,9 @@ class Connecting(unittest.TestCase):
     """A client finds its manager, or says why not."""
 
     def fails(self, kind: Any, text: str, address: str = "127.0.0.1:1", **more: Any) -> None:
-        options = polyptych.ConnectOptions(address=address, bearer="b", keys=None, timeouts=QUICK)
+        options = polyptych.ConnectOptions(
+            address=address, bearer="b" * 64, keys=None, timeouts=QUICK
+        )
         with self.assertRaises(kind) as caught:
             polyptych.Client(replace(options, **more))
         self.assertIn(text, str(caught.exception))
@@ -140,6 +142,19 @@ class Connecting(unittest.TestCase):
             address = "127.0.0.1:%d" % listener.getsockname()[1]
             quick = replace(QUICK, connect=0.2)
             self.fails(polyptych.NoIntroduction, "within 0.2 s", address, timeouts=quick)
+
+    def test_a_machine_that_takes_no_connection_is_no_manager(self) -> None:
+        with socket.create_server(("127.0.0.1", 0), backlog=0) as listener:
+            fillers = [socket.socket() for _ in range(4)]
+            for filler in fillers:
+                self.addCleanup(filler.close)
+                filler.setblocking(False)
+                filler.connect_ex(listener.getsockname())
+            address = "127.0.0.1:%d" % listener.getsockname()[1]
+            quick = replace(QUICK, connect=0.2)
+            self.fails(
+                polyptych.NoIntroduction, "a firewall stand between", address, timeouts=quick
+            )
 
     def test_a_program_that_speaks_something_else_is_no_manager(self) -> None:
         def speaks(listener: socket.socket) -> None:
@@ -289,6 +304,18 @@ class Secrets(unittest.TestCase):
                 self.assertIn(said, str(caught.exception))
             with self.assertRaises(polyptych.Token):
                 credentials.read_token(Path(folder))
+
+    def test_bearer_tokens_are_checked_before_they_are_sent(self) -> None:
+        self.assertEqual(credentials.checked_bearer(" " + "0f" * 32 + "\n"), "0f" * 32)
+        for wrong in ("", "0123456789abcdef", "g" * 64, "ü" * 64, "0" * 32 + "\n" + "0" * 31):
+            with self.assertRaises(polyptych.Token):
+                credentials.checked_bearer(wrong)
+
+    def test_names_of_programs_are_words_of_http(self) -> None:
+        for name in ("", "a b/c", "größe\r\nX: y"):
+            with ManagerDouble(hangs_up) as double:
+                with connect(double, name=name) as wall:
+                    self.assertEqual(wall.wall_name, "double")
 
     def test_the_place_of_the_token(self) -> None:
         for environment, expected in (
