@@ -13,6 +13,7 @@
 //! - `queued_requests`: requests that a client queues wait for all others, and go by priority
 //! - `reconnecting`: a program goes on when its manager is killed and started again
 //! - `client_library`: the same program drives one channel and four
+//! - `python`: the same cases hold for the Rust client, the Python package and plain HTTP
 //! - `command_text`: help, schema, manuals, variables, and files that the command leaves alone
 //! - `outputs`: commands replace regular files only
 //! - `wall_files`: warp maps, masks and archives that others wrote
@@ -86,6 +87,7 @@ mod one_process;
 mod outputs;
 mod pipelining;
 mod prove;
+mod python;
 mod queued_requests;
 mod reconnecting;
 #[path = "../reference/reference.rs"]
