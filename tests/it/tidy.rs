@@ -102,6 +102,7 @@ const BROKEN: &[Broken] = &[
     (layers::manifests, "protocol/Cargo.toml", "[dependencies]\nglam = \"1\"", "versions"),
     (layers::reasons, "Cargo.toml", "[workspace.dependencies]\nglam = \"1\"", "glam: no comment"),
     (sources::heads, "src/a.rs", "fn a() {}", "src/a.rs: does not begin"),
+    (sources::heads, "a/b.py", "import c", "a/b.py: does not begin"),
     (sources::names, "src/cli/utils.rs", "//! a", "src/cli/utils.rs: name it"),
     (sources::code_refused, "src/a.rs", "fn a() { todo!() }", "`todo!`"),
     (sources::code_refused, "src/a.rs", "unimplemented!()", "`unimplemented!`"),

@@ -28,16 +28,21 @@ const CODE_REFUSED: &[(&str, &str)] = &[
 
 /// Every file begins with what it is.
 pub fn heads(tree: &Tree) -> Vec<String> {
-    tree.with_ending(&["rs"])
-        .filter(|file| !file.text.trim_start().starts_with("//!"))
-        .map(|file| format!("{}: does not begin with a `//!` that says what it is", file.path))
-        .collect()
+    let without = |ending: &'static str, head: &'static str| {
+        tree.with_ending(&[ending])
+            .filter(move |file| !file.text.trim_start().starts_with(head))
+            .map(move |file| {
+                format!("{}: does not begin with a `{head}` that says what it is", file.path)
+            })
+            .collect::<Vec<_>>()
+    };
+    [without("rs", "//!"), without("py", "\"\"\"")].concat()
 }
 
 /// Files fit in the head, lines on the screen.
 pub fn lengths(tree: &Tree) -> Vec<String> {
     let mut offences = Vec::new();
-    for file in tree.with_ending(&["rs", "wgsl"]) {
+    for file in tree.with_ending(&["rs", "wgsl", "py"]) {
         let max = if is_test_file(&file.path) { TEST_LINES_MAX } else { LINES_MAX };
         let lines = file.text.lines().count();
         if lines > max {

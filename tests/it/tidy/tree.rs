@@ -11,7 +11,7 @@ const FOLDERS_SKIPPED: &[&str] =
 const HIDDEN_READ: &[&str] = &[".ci"];
 
 /// Files whose text the rules may ask for.
-const TEXT_ENDINGS: &[&str] = &["rs", "wgsl", "toml", "md", "json", "html", "sh"];
+const TEXT_ENDINGS: &[&str] = &["rs", "wgsl", "toml", "md", "json", "html", "py", "sh"];
 
 /// One file.
 pub struct File {
