@@ -125,7 +125,7 @@ fn frame_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
 }
 
 /// Group 1 of the passes over a scene with lights that cast shadows: the view's uniforms, the maps
-/// of suns, and the sampler that compares; and, where lamps cast some, their records and their maps.
+/// of suns, and the sampler that compares; where lamps cast some, their records and maps too.
 pub(crate) fn shadow_layout(device: &wgpu::Device, has_lamps: bool) -> wgpu::BindGroupLayout {
     let fragment = wgpu::ShaderStages::FRAGMENT;
     let uniform = wgpu::BufferBindingType::Uniform;

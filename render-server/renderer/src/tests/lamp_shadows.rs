@@ -365,7 +365,7 @@ fn moved(of: &SceneFixture, node: usize, place: DAffine3, by_clip: bool) -> GpuS
     }
     let layout = Arc::new(SceneLayout::with_traits(desc, &traits, &|| false).unwrap());
     if by_clip {
-        let node = MovedNode { node: node as u32, world_from_node: place, instances: &[] };
+        let node = MovedNode::new(node as u32, place, &[]);
         moved = Some(Arc::new(MovedItems::new(&layout, [node].into_iter()).unwrap()));
     }
     scene.with_layout(gpu(), layout, moved).unwrap()
