@@ -260,9 +260,12 @@ impl MaterialContext<'_, '_, '_> {
 
     /// An index of refraction below 1, which glTF forbids but for 0, becomes 1.
     fn specular(&mut self, json: &json::Material) -> Result<Option<Specular>, BakeError> {
-        let ior = self.extension::<IorJson>(json, "KHR_materials_ior")?.unwrap_or_default().ior;
+        let ior = self.extension::<IorJson>(json, "KHR_materials_ior")?;
         let read = self.extension::<SpecularJson>(json, "KHR_materials_specular")?;
-        let read = read.unwrap_or_default();
+        // What an animation changes must be there.
+        let is_kept = (ior.is_some() && self.is_changed("KHR_materials_ior"))
+            || (read.is_some() && self.is_changed("KHR_materials_specular"));
+        let (ior, read) = (ior.unwrap_or_default().ior, read.unwrap_or_default());
         let made = Specular {
             ior: if ior == 0.0 { 0.0 } else { limit(ior, 1.0, FACTOR_MAX) },
             factor: limit(read.factor, 0.0, 1.0),
@@ -270,8 +273,6 @@ impl MaterialContext<'_, '_, '_> {
             texture: self.optional(read.texture.as_ref(), TextureKind::Tint)?,
             color_texture: self.optional(read.color_texture.as_ref(), TextureKind::Tint)?,
         };
-        let is_changed = self.is_changed("KHR_materials_ior");
-        let is_kept = is_changed || self.is_changed("KHR_materials_specular");
         Ok((is_kept || made != Specular::default()).then_some(made))
     }
 
@@ -295,7 +296,8 @@ impl MaterialContext<'_, '_, '_> {
     }
 
     fn sheen(&mut self, json: &json::Material) -> Result<Option<Sheen>, BakeError> {
-        let read = self.extension::<SheenJson>(json, "KHR_materials_sheen")?.unwrap_or_default();
+        let read = self.extension::<SheenJson>(json, "KHR_materials_sheen")?;
+        let Some(read) = read else { return Ok(None) };
         let color = Vec3::from(read.color_factor.map(|of| limit(of, 0.0, 1.0)));
         if color == Vec3::ZERO && !self.is_changed("KHR_materials_sheen") {
             return Ok(None);

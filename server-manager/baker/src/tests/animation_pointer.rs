@@ -180,7 +180,7 @@ fn what_no_pointer_can_change_is_noted_by_name_and_the_rest_is_played() {
         (5, "nodes[99] is not there"),
         (6, "no such property"),
         (10, "STEP would be right"),
-        (11, "SCALAR"),
+        (11, "VEC3 of float"),
         (12, "names no pointer"),
     ] {
         let place = format!("animations[0].channels[{channel}]");
