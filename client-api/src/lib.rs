@@ -109,9 +109,10 @@ pub use polyptych_protocol::walk_query::{
     Touched, WAY_POINTS_MAX, WalkEnd, WalkQuery, WalkedWay, Walker,
 };
 pub use polyptych_scene::{
-    AlphaMode, Attribute, Bounds, CAMERA_KEY, Clearcoat, Edit, Facing, Fill, Fog, Highlight, Light,
-    LightKind, Material, MaterialExtensions, NewNode, NodeId, NodeStyle, SceneFeatures,
-    SceneSubset, Shading, Sheen, Specular, TextureRef, ToneMapper, Topology, provisional_asset,
+    AlphaMode, Anisotropy, Attribute, Bounds, CAMERA_KEY, Clearcoat, DiffuseTransmission, Edit,
+    Facing, Fill, Fog, Highlight, Iridescence, Light, LightKind, Material, MaterialExtensions,
+    NewNode, NodeId, NodeStyle, SceneFeatures, SceneSubset, Shading, Sheen, Specular, TextureRef,
+    ToneMapper, Topology, Transmission, Volume, provisional_asset,
 };
 pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;
