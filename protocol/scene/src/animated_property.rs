@@ -4,7 +4,7 @@
 use glam::{Affine2, DMat2, DVec2, Mat2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::{AlphaMode, Light, LightKind, Material, Scene, TextureRef};
+use crate::{AlphaMode, Light, LightKind, Material, MaterialExtensions, Scene, TextureRef};
 
 /// Largest factor of a material: the largest number of a half float.
 const FACTOR_MAX: f64 = 65504.0;
@@ -100,6 +100,22 @@ pub enum MaterialProperty {
     AttenuationColor,
     /// 20 over the Abbe number.
     Dispersion,
+    /// 0 to 1.
+    AnisotropyStrength,
+    /// In radians, counter-clockwise from the tangent.
+    AnisotropyRotation,
+    /// Part of the reflection that the film changes.
+    IridescenceFactor,
+    /// Index of refraction of the film.
+    IridescenceIor,
+    /// In nanometres.
+    IridescenceThicknessMin,
+    /// In nanometres.
+    IridescenceThicknessMax,
+    /// Part of the light that passes diffusely.
+    DiffuseTransmissionFactor,
+    /// Linear RGB.
+    DiffuseTransmissionColor,
 }
 
 /// The properties of a material at a moment.
@@ -115,13 +131,19 @@ impl PropertyKind {
     /// Numbers of a value.
     pub fn width(self) -> usize {
         use MaterialProperty::{
-            AttenuationColor, BaseColor, EmissiveColor, SheenColor, SpecularColor, UvOffset,
-            UvScale,
+            AttenuationColor, BaseColor, DiffuseTransmissionColor, EmissiveColor, SheenColor,
+            SpecularColor, UvOffset, UvScale,
         };
         match self {
             Self::Material(BaseColor) => 4,
             Self::Light(LightProperty::Color)
-            | Self::Material(EmissiveColor | SpecularColor | SheenColor | AttenuationColor) => 3,
+            | Self::Material(
+                EmissiveColor
+                | SpecularColor
+                | SheenColor
+                | AttenuationColor
+                | DiffuseTransmissionColor,
+            ) => 3,
             Self::Material(UvOffset(_) | UvScale(_)) => 2,
             _ => 1,
         }
@@ -293,6 +315,38 @@ fn set_factor(of: &mut Material, property: MaterialProperty, value: &[f64]) {
             Of::AttenuationDistance => of.attenuation_distance = endless(first),
             Of::AttenuationColor => of.attenuation_color = color(value, 1.0),
             Of::Dispersion => of.dispersion = amount,
+            _ => {}
+        }
+    }
+    set_further_factor(of, property, value);
+}
+
+/// Sets a factor of anisotropy, iridescence or diffuse transmission.
+fn set_further_factor(of: &mut MaterialExtensions, property: MaterialProperty, value: &[f64]) {
+    use MaterialProperty as Of;
+    let first = value.first().copied().unwrap_or_default();
+    let part = first.clamp(0.0, 1.0) as f32;
+    let amount = first.clamp(0.0, FACTOR_MAX) as f32;
+    if let Some(of) = &mut of.anisotropy {
+        match property {
+            Of::AnisotropyStrength => of.strength = part,
+            Of::AnisotropyRotation => of.rotation_rad = first as f32,
+            _ => {}
+        }
+    }
+    if let Some(of) = &mut of.iridescence {
+        match property {
+            Of::IridescenceFactor => of.factor = part,
+            Of::IridescenceIor => of.ior = amount.max(1.0),
+            Of::IridescenceThicknessMin => of.thickness_min_nm = amount,
+            Of::IridescenceThicknessMax => of.thickness_max_nm = amount,
+            _ => {}
+        }
+    }
+    if let Some(of) = &mut of.diffuse_transmission {
+        match property {
+            Of::DiffuseTransmissionFactor => of.factor = part,
+            Of::DiffuseTransmissionColor => of.color = color(value, 1.0),
             _ => {}
         }
     }

@@ -1,6 +1,6 @@
 //! What glTF's extensions add to the metallic-roughness model.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::TextureRef;
@@ -133,6 +133,16 @@ pub struct DiffuseTransmission {
     pub texture: Option<TextureRef>,
     /// sRGB.
     pub color_texture: Option<TextureRef>,
+}
+
+impl Anisotropy {
+    /// Returns the direction as parts along tangent and bitangent, of length 1, by sines that do
+    /// not depend on the machine; the tangent if the rotation is not finite.
+    pub fn direction(&self) -> Vec2 {
+        let (sin, cos) = libm::sincos(f64::from(self.rotation_rad));
+        let direction = Vec2::new(cos as f32, sin as f32);
+        if direction.is_finite() { direction } else { Vec2::X }
+    }
 }
 
 impl Default for DiffuseTransmission {

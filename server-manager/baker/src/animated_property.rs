@@ -154,12 +154,14 @@ fn of_extensions(of: &Material, property: MaterialProperty) -> Option<Vec<f64>> 
     use MaterialProperty as Of;
     let of = of.extensions.as_deref()?;
     let (specular, coat, sheen) = (of.specular.as_ref(), of.clearcoat.as_ref(), of.sheen.as_ref());
-    let volume = of.volume.as_ref();
+    let (volume, grain) = (of.volume.as_ref(), of.anisotropy.as_ref());
+    let (film, through) = (of.iridescence.as_ref(), of.diffuse_transmission.as_ref());
     let color = |color: glam::Vec3| color.as_dvec3().to_array().to_vec();
     let number = match property {
         Of::SpecularColor => return Some(color(specular?.color)),
         Of::SheenColor => return Some(color(sheen?.color)),
         Of::AttenuationColor => return Some(color(volume?.attenuation_color)),
+        Of::DiffuseTransmissionColor => return Some(color(through?.color)),
         Of::Ior => specular?.ior,
         Of::SpecularFactor => specular?.factor,
         Of::ClearcoatFactor => coat?.factor,
@@ -169,6 +171,13 @@ fn of_extensions(of: &Material, property: MaterialProperty) -> Option<Vec<f64>> 
         Of::TransmissionFactor => of.transmission.as_ref()?.factor,
         Of::Thickness => volume?.thickness,
         Of::Dispersion => volume?.dispersion,
+        Of::AnisotropyStrength => grain?.strength,
+        Of::AnisotropyRotation => grain?.rotation_rad,
+        Of::IridescenceFactor => film?.factor,
+        Of::IridescenceIor => film?.ior,
+        Of::IridescenceThicknessMin => film?.thickness_min_nm,
+        Of::IridescenceThicknessMax => film?.thickness_max_nm,
+        Of::DiffuseTransmissionFactor => through?.factor,
         // 0 stands for one without end.
         Of::AttenuationDistance => {
             Some(volume?.attenuation_distance).filter(|of| of.is_finite()).unwrap_or_default()

@@ -25,7 +25,7 @@ const SLOTS: [&str; 5] = [
 ];
 
 /// Factors of materials by their paths.
-const FACTORS: [(&str, MaterialProperty); 21] = [
+const FACTORS: [(&str, MaterialProperty); 29] = [
     ("pbrMetallicRoughness/baseColorFactor", MaterialProperty::BaseColor),
     ("pbrMetallicRoughness/metallicFactor", MaterialProperty::Metallic),
     ("pbrMetallicRoughness/roughnessFactor", MaterialProperty::Roughness),
@@ -59,6 +59,32 @@ const FACTORS: [(&str, MaterialProperty); 21] = [
     ("extensions/KHR_materials_volume/attenuationDistance", MaterialProperty::AttenuationDistance),
     ("extensions/KHR_materials_volume/attenuationColor", MaterialProperty::AttenuationColor),
     ("extensions/KHR_materials_dispersion/dispersion", MaterialProperty::Dispersion),
+    (
+        "extensions/KHR_materials_anisotropy/anisotropyStrength",
+        MaterialProperty::AnisotropyStrength,
+    ),
+    (
+        "extensions/KHR_materials_anisotropy/anisotropyRotation",
+        MaterialProperty::AnisotropyRotation,
+    ),
+    ("extensions/KHR_materials_iridescence/iridescenceFactor", MaterialProperty::IridescenceFactor),
+    ("extensions/KHR_materials_iridescence/iridescenceIor", MaterialProperty::IridescenceIor),
+    (
+        "extensions/KHR_materials_iridescence/iridescenceThicknessMinimum",
+        MaterialProperty::IridescenceThicknessMin,
+    ),
+    (
+        "extensions/KHR_materials_iridescence/iridescenceThicknessMaximum",
+        MaterialProperty::IridescenceThicknessMax,
+    ),
+    (
+        "extensions/KHR_materials_diffuse_transmission/diffuseTransmissionFactor",
+        MaterialProperty::DiffuseTransmissionFactor,
+    ),
+    (
+        "extensions/KHR_materials_diffuse_transmission/diffuseTransmissionColorFactor",
+        MaterialProperty::DiffuseTransmissionColor,
+    ),
 ];
 
 /// Reads a pointer.
@@ -208,6 +234,10 @@ mod tests {
         assert_eq!(parsed(&pointer), material(Of::UvRotation(2), 7));
         assert_eq!(extension_of(Of::Thickness), Some("KHR_materials_volume"));
         assert_eq!(extension_of(Of::EmissiveStrength), None);
+        let film = "extensions/KHR_materials_iridescence";
+        let pointer = format!("/materials/1/{film}/iridescenceThicknessMaximum");
+        assert_eq!(parsed(&pointer), material(Of::IridescenceThicknessMax, 1));
+        assert_eq!(extension_of(Of::AnisotropyRotation), Some("KHR_materials_anisotropy"));
     }
 
     #[test]

@@ -344,7 +344,9 @@ impl MaterialContext<'_, '_, '_> {
     /// map does. A direction that is not a number is that of the tangent.
     fn anisotropy(&mut self, json: &json::Material) -> Result<Option<Anisotropy>, BakeError> {
         let read = self.extension::<AnisotropyJson>(json, "KHR_materials_anisotropy")?;
-        let Some(read) = read.filter(|read| read.strength > 0.0) else { return Ok(None) };
+        let is_kept = self.is_changed("KHR_materials_anisotropy");
+        let read = read.filter(|read| is_kept || read.strength > 0.0);
+        let Some(read) = read else { return Ok(None) };
         let texture = self.optional(read.texture.as_ref(), TextureKind::Data)?;
         self.tangents(texture);
         let rotation_rad = if read.rotation_rad.is_finite() { read.rotation_rad } else { 0.0 };
@@ -354,7 +356,9 @@ impl MaterialContext<'_, '_, '_> {
     /// An index of refraction below 1, which glTF forbids, becomes 1.
     fn iridescence(&mut self, json: &json::Material) -> Result<Option<Iridescence>, BakeError> {
         let read = self.extension::<IridescenceJson>(json, "KHR_materials_iridescence")?;
-        let Some(read) = read.filter(|read| read.factor > 0.0) else { return Ok(None) };
+        let is_kept = self.is_changed("KHR_materials_iridescence");
+        let read = read.filter(|read| is_kept || read.factor > 0.0);
+        let Some(read) = read else { return Ok(None) };
         Ok(Some(Iridescence {
             factor: limit(read.factor, 0.0, 1.0),
             ior: limit(read.ior, 1.0, FACTOR_MAX),
@@ -371,7 +375,9 @@ impl MaterialContext<'_, '_, '_> {
     ) -> Result<Option<DiffuseTransmission>, BakeError> {
         let name = "KHR_materials_diffuse_transmission";
         let read = self.extension::<DiffuseTransmissionJson>(json, name)?;
-        let Some(read) = read.filter(|read| read.factor > 0.0) else { return Ok(None) };
+        let is_kept = self.is_changed(name);
+        let read = read.filter(|read| is_kept || read.factor > 0.0);
+        let Some(read) = read else { return Ok(None) };
         Ok(Some(DiffuseTransmission {
             factor: limit(read.factor, 0.0, 1.0),
             color: Vec3::from(read.color_factor.map(|of| limit(of, 0.0, 1.0))),

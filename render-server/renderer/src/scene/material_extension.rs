@@ -65,8 +65,8 @@ impl ExtensionUniform {
             transmission: [part, volume.thickness, inverse, volume.dispersion],
             absorption: volume.absorption().extend(rough).to_array(),
             anisotropy: of.anisotropy.as_ref().map_or([0.0; 4], |of| {
-                let (sin, cos) = of.rotation_rad.sin_cos();
-                [of.strength, cos, sin, 0.0]
+                let direction = of.direction();
+                [of.strength, direction.x, direction.y, 0.0]
             }),
             film: of.iridescence.as_ref().map_or([0.0; 4], |of| {
                 [of.factor, of.ior, of.thickness_min_nm, of.thickness_max_nm]

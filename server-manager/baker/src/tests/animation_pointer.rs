@@ -188,3 +188,36 @@ fn what_no_pointer_can_change_is_noted_by_name_and_the_rest_is_played() {
         assert!(said, "{place}: {part}: {:?}", baked.warnings);
     }
 }
+
+#[test]
+fn factors_of_films_brushed_and_translucent_surfaces_move_from_nothing() {
+    let (mut builder, mut clip) = (scene(), Clip::default());
+    builder.json["materials"][0]["extensions"] = json!({
+        "KHR_materials_anisotropy": {}, "KHR_materials_iridescence": {},
+        "KHR_materials_diffuse_transmission": {} });
+    let of = |path: &str| format!("/materials/0/extensions/KHR_materials_{path}");
+    for (pointer, kind, to) in [
+        ("anisotropy/anisotropyStrength", "SCALAR", &[0.5f32][..]),
+        ("anisotropy/anisotropyRotation", "SCALAR", &[9.0]),
+        ("iridescence/iridescenceFactor", "SCALAR", &[3.0]),
+        ("iridescence/iridescenceIor", "SCALAR", &[0.5]),
+        ("iridescence/iridescenceThicknessMinimum", "SCALAR", &[-10.0]),
+        ("iridescence/iridescenceThicknessMaximum", "SCALAR", &[700.0]),
+        ("diffuse_transmission/diffuseTransmissionFactor", "SCALAR", &[0.25]),
+        ("diffuse_transmission/diffuseTransmissionColorFactor", "VEC3", &[0.5, 2.0, -1.0]),
+    ] {
+        clip.add(&mut builder, &of(pointer), kind, [to, to]);
+    }
+    clip.finish(&mut builder);
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert_eq!(baked.warnings, [] as [String; 0]);
+    let moment = moment(&scene, &[ClipTime { clip: 0, time_s: 1.0, weight: 1.0 }]);
+    let made = material(&scene, &moment).extensions.expect("kept");
+    let grain = made.anisotropy.expect("kept");
+    assert_eq!((grain.strength, grain.rotation_rad), (0.5, 9.0));
+    let film = made.iridescence.expect("kept");
+    assert_eq!((film.factor, film.ior), (1.0, 1.0), "in its range");
+    assert_eq!((film.thickness_min_nm, film.thickness_max_nm), (0.0, 700.0));
+    let through = made.diffuse_transmission.expect("kept");
+    assert_eq!((through.factor, through.color.to_array()), (0.25, [0.5, 1.0, 0.0]));
+}
