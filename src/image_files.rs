@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, bail};
 use image::codecs::jpeg::JpegEncoder;
+use image::imageops::FilterType;
 use image::{ImageFormat, RgbaImage};
 use polyptych_client::Image;
 
@@ -56,8 +57,13 @@ pub(crate) fn check(path: &Path) -> anyhow::Result<()> {
     outputs::check(path)
 }
 
-/// Writes a PNG or JPEG file, as its name says.
-pub(crate) fn save(path: &Path, image: &RgbaImage) -> anyhow::Result<()> {
+/// Writes a PNG or JPEG file, as its name says; with half of the pixels along each side if so asked.
+pub(crate) fn save(path: &Path, image: &RgbaImage, is_halved: bool) -> anyhow::Result<()> {
+    let halved = is_halved.then(|| {
+        let [width, height] = [image.width(), image.height()].map(|side| side.div_ceil(2));
+        image::imageops::resize(image, width, height, FilterType::Triangle)
+    });
+    let image = halved.as_ref().unwrap_or(image);
     if is_jpeg(path) != Some(true) {
         return save_png(path, image);
     }

@@ -35,7 +35,8 @@ pub(super) struct Arguments {
     /// Draw into pictures only
     #[arg(long)]
     headless: bool,
-    /// Draw one frame into pictures only, and write that of the whole wall here: .png or .jpg
+    /// Draw one frame into pictures only, and write that of the whole wall here, with half of its
+    /// pixels along each side: .png or .jpg
     #[arg(long, value_name = "FILE", conflicts_with_all = ["windows", "seconds"])]
     picture: Option<PathBuf>,
 }
@@ -74,6 +75,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         rate_bound: None,
         out: arguments.out.clone(),
         picture: arguments.picture.clone(),
+        is_picture_halved: true,
         extras: TownExtras { has_open_sea: true, has_waves: true, is_dusk: false },
         http: arguments.http.clone(),
         fault: Vec::new(),

@@ -114,6 +114,9 @@ pub(super) struct Arguments {
     /// Write the picture of the whole wall here too: .png or .jpg
     #[arg(long, value_name = "FILE")]
     pub picture: Option<PathBuf>,
+    /// That picture has half of the wall's pixels along each side
+    #[arg(skip)]
+    pub is_picture_halved: bool,
     /// What the generated town has besides
     #[arg(skip)]
     pub extras: TownExtras,
@@ -299,7 +302,7 @@ fn drive(
     let whole = image_files::side_by_side(&capture.screens)?;
     image_files::save_png(&arguments.out.join(WALL_PICTURE), &whole)?;
     if let Some(picture) = &arguments.picture {
-        image_files::save(picture, &whole)?;
+        image_files::save(picture, &whole, arguments.is_picture_halved)?;
     }
     let seen = Seen::in_pictures(&capture).and_never_shown(&statistics);
     let mut report = RunReport::new(&wall.name, &summary, statistics);

@@ -9,8 +9,7 @@ use std::sync::OnceLock;
 use glam::Vec3;
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::{
-    AlphaMode, Fill, Material, Mesh, NodeStyle, NodeTraits, Primitive, Scene, Topology,
-    VertexLayout,
+    AlphaMode, Fill, Material, NodeStyle, NodeTraits, Primitive, Scene, Topology, VertexLayout,
 };
 use polyptych_wall::ShadowFilter;
 
@@ -22,7 +21,9 @@ use super::items_by_batch::ItemsByBatch;
 use super::light::{GROUND, Lights};
 use super::material::StyledMaterial;
 use super::outline::Outline;
-use super::slots::{GeometryName, Slots, TextureName, geometry_name, texture_name};
+use super::slots::{
+    GeometryName, Slots, TextureName, first_primitives, geometry_name, geometry_names, texture_name,
+};
 use super::subset::{SceneTree, layer_bit};
 use super::{Batch, SceneError, material, outline};
 use crate::pipeline::{Alpha, Cull, PipelineKey};
@@ -291,22 +292,6 @@ struct Look {
     /// The bit of its layer.
     layer: u64,
     style: NodeStyle,
-}
-
-/// Returns the name of each primitive's slot.
-fn geometry_names(desc: &Scene) -> impl Iterator<Item = GeometryName> {
-    let meshes = desc.meshes.iter().enumerate();
-    meshes.flat_map(|(mesh, of)| of.primitives.iter().map(move |one| geometry_name(mesh, one)))
-}
-
-/// Returns the index of each mesh's first primitive in the order of all primitives.
-fn first_primitives(desc: &Scene) -> Vec<usize> {
-    let mut next = 0;
-    let first = |mesh: &Mesh| {
-        next += mesh.primitives.len();
-        next - mesh.primitives.len()
-    };
-    desc.meshes.iter().map(first).collect()
 }
 
 /// Finds the batch of each placement, and collects the pipelines that they need.

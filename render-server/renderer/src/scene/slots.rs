@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use polyptych_files::blob::BlobHash;
-use polyptych_scene::{IndexFormat, Primitive, Texture, TextureFormat, VertexLayout};
+use polyptych_scene::{IndexFormat, Mesh, Primitive, Scene, Texture, TextureFormat, VertexLayout};
 
 /// The slots of described things; equal ones share one.
 #[derive(Debug)]
@@ -61,4 +61,20 @@ pub(super) fn texture_name(t: &Texture) -> TextureName {
 pub(super) fn geometry_name(mesh: usize, p: &Primitive) -> GeometryName {
     let counts = [p.vertex_count, p.index_count, p.coarser_index_count, p.meshlet_count];
     (p.blob, p.layout, p.index_format, counts, p.deformed.map(|_| mesh))
+}
+
+/// Returns the name of each primitive's slot.
+pub(super) fn geometry_names(desc: &Scene) -> impl Iterator<Item = GeometryName> {
+    let meshes = desc.meshes.iter().enumerate();
+    meshes.flat_map(|(mesh, of)| of.primitives.iter().map(move |one| geometry_name(mesh, one)))
+}
+
+/// Returns the index of each mesh's first primitive in the order of all primitives.
+pub(super) fn first_primitives(desc: &Scene) -> Vec<usize> {
+    let mut next = 0;
+    let first = |mesh: &Mesh| {
+        next += mesh.primitives.len();
+        next - mesh.primitives.len()
+    };
+    desc.meshes.iter().map(first).collect()
 }
