@@ -234,6 +234,26 @@ except polyptych.ClientError as error:
     print(type(error).__name__, error)
 ";
 
+/// A server of the wall that takes itself for its manager, and a client that meets it.
+const IMPOSTOR: &str = "
+import socket, ssl, sys, threading, polyptych
+own, folder = sys.argv[1:]
+context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+context.load_cert_chain(own + '/cert.pem', own + '/key.pem')
+listener = socket.create_server(('127.0.0.1', 0))
+def serve():
+    connected = listener.accept()[0]
+    try:
+        context.wrap_socket(connected, server_side=True).recv(1 << 16)
+    except OSError:
+        pass
+threading.Thread(target=serve, daemon=True).start()
+try:
+    polyptych.Client.connect('127.0.0.1:%d' % listener.getsockname()[1], keys=folder)
+except polyptych.ClientError as error:
+    print(type(error).__name__, error)
+";
+
 #[test]
 #[cfg_attr(not(has_python), ignore = "no python3 of version 3.9 or later")]
 fn keys_stand_for_a_token() {
@@ -249,12 +269,25 @@ fn keys_stand_for_a_token() {
     assert!(said.contains("'http operator'") && said.ends_with("True\nStatusEvent"), "{said}");
     // A server's certificate commands nothing, and that of another wall is not believed.
     let server = format!("server-{}", layout.channels[0].server);
-    let said = ask(&keys::of(&wall.local.place, &server).expect("keys"));
+    let servers = keys::of(&wall.local.place, &server).expect("keys");
+    let said = ask(&servers);
     assert!(said.starts_with("Refused") && said.contains("polyptych keys --client"), "{said}");
     let other = TestDir::new();
     keys::make(&other, &layout);
-    let said = ask(&keys::of(&other, "client-operator").expect("keys"));
+    let others = keys::of(&other, "client-operator").expect("keys");
+    let said = ask(&others);
     assert!(said.starts_with("NotSecured"), "{said}");
+    // Nor does the client believe a manager of another wall, or a server that plays the manager.
+    let mixed = wall.local.place.path("mixed");
+    std::fs::create_dir(&mixed).expect("made");
+    for (from, name) in [(&own, "cert.pem"), (&own, "key.pem"), (&others, "authority.pem")] {
+        std::fs::copy(from.join(name), mixed.join(name)).expect("copied");
+    }
+    let said = ask(&mixed);
+    assert!(said.starts_with("NotSecured") && said.contains("certificate verify failed"), "{said}");
+    let mut process = wall.python(&[&"-c", &IMPOSTOR, &servers, &own]);
+    let said = process.finish(wait::LIMIT).succeeded();
+    assert!(said.starts_with("NotSecured") && said.contains("unsuitable certificate"), "{said}");
     // In the clear it is told what is wrong.
     let plain = "
 import sys, polyptych
