@@ -148,29 +148,36 @@ class Client(SceneCalls, QueryCalls, CameraCalls, DisplayCalls):
         return self._post_request(request, Call("", "", "", timeout_s))
 
     def open_scene(
-        self, path: str, on_progress: Optional[Callable[[OpenProgress], None]] = None
+        self,
+        path: str,
+        on_progress: Optional[Callable[[OpenProgress], None]] = None,
+        scene: Optional[str] = None,
     ) -> SceneSummary:
         """Shows a scene; returns once every live channel can draw it.
 
         :param path: a file in one of the manager's scene folders, or ``saved:NAME``.
         :param on_progress: called when the manager says how far it has come.
+        :param scene: the name, or the number from 0 on, of one of several scenes of the file.
         :raises Failed: it cannot be opened; the wall shows what it showed before.
         """
-        request: WireRequest = {"OpenScene": {"path": path}}
+        request: WireRequest = {"OpenScene": {"path": path, "scene": scene}}
         given = self._post_request(request, self._opening(path, on_progress))
         return self._scene(given.get("SceneOpened") if isinstance(given, dict) else given)
 
     def show_scene(
-        self, path: str, heading_deg: float = 30.0
+        self, path: str, heading_deg: float = 30.0, scene: Optional[str] = None
     ) -> Tuple[SceneSummary, FrameFeedback]:
         """Opens a scene, places the camera so that all of it is seen, and draws a frame.
 
         The manager places the camera, on curved walls too, as ``polyptych open`` does.
 
         :param heading_deg: the direction from which the scene is seen, around +Y.
+        :param scene: as for :meth:`open_scene`.
         """
         call = self._opening(path, None)
-        body = _body("open the scene", {"path": path, "heading_deg": float(heading_deg)})
+        body = _body(
+            "open the scene", {"path": path, "scene": scene, "heading_deg": float(heading_deg)}
+        )
         call = dataclasses.replace(call, name="open the scene", method="POST", path="/scene/open")
         said = self._json(self._exchange(dataclasses.replace(call, body=body)), call.name)
         try:
