@@ -3,7 +3,7 @@
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DAffine3, DVec2, DVec3};
 use polyptych_client::{
-    Attribute, ClientError, NewNode, NodeId, NodeQuery, RegionQuery, Transaction,
+    Attribute, ClientError, NewNode, NodeId, NodeQuery, RegionQuery, SceneFile, Transaction,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -64,7 +64,14 @@ fn call(client: &Client, name: &str, given: &Arguments<'_>) -> Answer {
 fn of_scene(client: &Client, name: &str, given: &Arguments<'_>) -> Option<Answer> {
     let text = |name| given.of::<String>(name);
     Some(match name {
-        "open_scene" => answer(client.open_scene(text("path"))),
+        "open_scene" => {
+            let file = SceneFile::from(text("path"));
+            let scene: Option<String> = given.of("scene");
+            answer(client.open_scene(match scene {
+                Some(scene) => file.scene(scene),
+                None => file,
+            }))
+        }
         "close_scene" => answer(client.close_scene()),
         "commit" => answer(client.commit(transaction(&given.0["edits"]))),
         "layers" => answer(client.layers()),
