@@ -57,7 +57,7 @@ pub(crate) fn check(path: &Path) -> anyhow::Result<()> {
     outputs::check(path)
 }
 
-/// Writes a PNG or JPEG file, as its name says; with half of the pixels along each side if so asked.
+/// Writes a PNG or JPEG file, as its name says; with half of the pixels along each side if asked.
 pub(crate) fn save(path: &Path, image: &RgbaImage, is_halved: bool) -> anyhow::Result<()> {
     let halved = is_halved.then(|| {
         let [width, height] = [image.width(), image.height()].map(|side| side.div_ceil(2));
