@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
-use polyptych_client::blocking::Pending;
+use polyptych_client::blocking::{Client, Pending};
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
     Bounds, Camera, EnvironmentSource, Fog, QualityBounds, Request, Response, fit_bounds,
@@ -38,6 +38,10 @@ const FRAMES_DEFAULT: u64 = 60;
 
 /// Frames that are drawn before measuring begins: the first ones fill caches.
 const WARM_UP_FRAMES: u64 = 3;
+
+/// Time after which nothing is waited for that automatic exposure could measure: eight of its
+/// periods. A scene may have nothing to measure.
+const METERING_TIME_MAX: Duration = Duration::from_secs(2);
 
 /// The file with the picture of the whole wall.
 const WALL_PICTURE: &str = "wall.png";
@@ -275,11 +279,7 @@ fn drive(
     client.set_bounds(QualityBounds { error_px, rate_fps })?;
     let focus = shown.focus.or(summary.bounds);
     let camera = |n: u64| camera_of_frame(wall, focus.as_ref(), arguments, n);
-    let mut navigations = 0;
-    for _ in 0..WARM_UP_FRAMES {
-        let own = if navigations == 0 { camera(0) } else { None };
-        navigations = client.render_frame_at(own, Some(arguments.time))?.navigations;
-    }
+    let navigations = warm_up(client, &camera, arguments)?;
     client.statistics(true)?;
     let mut faults = Faults::new(&arguments.fault, arguments.fault_seed, wall, local)?;
     let run = FrameRun { local, arguments, camera: &camera, ahead: wall.sync.pipeline_depth };
@@ -314,6 +314,28 @@ fn drive(
     outputs::write(&arguments.out.join(REPORT), &serde_json::to_vec_pretty(&report)?)?;
     print_summary(&report, &arguments.out)?;
     Ok(seen.conclude())
+}
+
+/// Draws the frames that are not measured: until caches are full and automatic exposure, if there
+/// is, has a value. Returns the number of moves that mice made.
+fn warm_up(
+    client: &Client,
+    camera: &dyn Fn(u64) -> Option<Camera>,
+    arguments: &Arguments,
+) -> anyhow::Result<u64> {
+    let (start, before) = (Instant::now(), client.presentation()?.exposure);
+    let is_automatic = matches!(arguments.exposure, Some(Brightness::Automatic));
+    let (mut frames, mut navigations) = (0, 0);
+    loop {
+        let own = if navigations == 0 { camera(0) } else { None };
+        navigations = client.render_frame_at(own, Some(arguments.time))?.navigations;
+        frames += 1;
+        let is_over = frames >= 2 * WARM_UP_FRAMES && start.elapsed() >= METERING_TIME_MAX;
+        let is_metered = !is_automatic || is_over || client.presentation()?.exposure != before;
+        if frames >= WARM_UP_FRAMES && is_metered {
+            return Ok(navigations);
+        }
+    }
 }
 
 fn camera_of_frame(

@@ -8,8 +8,10 @@ use serde_json::{Value, json};
 use super::place::TestDir;
 use super::wait;
 
-/// Puts the pipes where the browser looks for them, and nothing in their old place.
+/// Puts the pipes where the browser looks for them, and nothing in their old place. It asks nothing
+/// of the network by itself.
 const SCRIPT: &str = r#"exec chromium --headless=new --no-sandbox --disable-gpu \
+--no-first-run --disable-background-networking --disable-component-update --disable-sync \
 --remote-debugging-pipe --user-data-dir="$1" --window-size=1100,1400 about:blank \
 3<&0 4>&1 </dev/null >/dev/null 2>/dev/null"#;
 

@@ -196,9 +196,7 @@ fn a_simulation_has_the_surroundings_that_it_is_given() {
         };
         let arguments: Vec<String> = arguments.iter().map(given).collect();
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
-        // What frames show is measured for those that follow.
-        let frames = if arguments.contains(&"auto") { "40" } else { "1" };
-        let arguments = [&["--frames", frames], &arguments[..]].concat();
+        let arguments = [&["--frames", "1"], &arguments[..]].concat();
         let mut simulation = Simulation::start(place, &small(1, 1), &scene, &arguments);
         simulation.process.finish(wait::LIMIT).succeeded();
         (read(&simulation.place.path("out/wall.png")), simulation)

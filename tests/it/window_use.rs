@@ -219,7 +219,7 @@ fn the_demo_in_windows_stays_until_one_is_closed() {
     command.env("DISPLAY", &display.name);
     let mut demo = crate::harness::process::Process::start("demo", &mut command);
     demo.await_line(&["in windows, until one is closed"]);
-    demo.await_line(&["scene town"]);
+    demo.await_line(&["scene harbour"]);
     display.close("polyptych front-2-2");
     demo.finish(wait::LIMIT).succeeded();
 }

@@ -285,7 +285,10 @@ fn lights_without_maps_of_shadows_are_noted() {
         builder.json["scene"] = json!(0);
         builder.json["nodes"] = json!(nodes);
         assert_eq!(first, 1);
-        bake_builder(&builder).1.warnings
+        // Besides, it is noted that they shine in real units.
+        let mut warnings = bake_builder(&builder).1.warnings;
+        warnings.retain(|of| of.starts_with("lights:"));
+        warnings
     };
     assert_eq!(warnings(10), [] as [String; 0]);
     let noted = warnings(12);
