@@ -10,6 +10,7 @@ use polyptych_manager::recorder::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::token;
 use polyptych_tls::{Credentials, NodeIdentity};
+use polyptych_wall::Wall;
 
 use super::shutdown_signal::shutdown_signal;
 use super::{bake_files, cache_folder, http, load_wall, log_file_warnings};
@@ -86,19 +87,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         Some(path) => path.clone(),
         None => token::default_path()?,
     };
-    let mut scene_roots: Vec<PathBuf> = wall.scenes.iter().map(PathBuf::from).collect();
-    for folder in scene_roots.iter().filter(|folder| !folder.is_dir()) {
-        tracing::warn!(
-            folder = %folder.display(),
-            "a scene folder of the wall file does not exist; no scene in it can be opened"
-        );
-    }
-    for folder in &arguments.scenes {
-        if !folder.is_dir() {
-            bail!("--scenes {}: not a folder", folder.display());
-        }
-    }
-    scene_roots.extend(arguments.scenes);
+    let scene_roots = scene_roots(&wall, arguments.scenes)?;
     let store = match arguments.store {
         Some(store) => store,
         None => cache_folder()?.join("store"),
@@ -148,6 +137,22 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     Ok(runtime.block_on(run_manager(listener, options, is_asked_to_end))?)
+}
+
+/// The folders of the wall file and those of the command.
+fn scene_roots(wall: &Wall, asked: Vec<PathBuf>) -> anyhow::Result<Vec<PathBuf>> {
+    let mut roots: Vec<PathBuf> = wall.scenes.iter().map(PathBuf::from).collect();
+    for folder in roots.iter().filter(|folder| !folder.is_dir()) {
+        tracing::warn!(
+            folder = %folder.display(),
+            "a scene folder of the wall file does not exist; no scene in it can be opened"
+        );
+    }
+    if let Some(folder) = asked.iter().find(|folder| !folder.is_dir()) {
+        bail!("--scenes {}: not a folder", folder.display());
+    }
+    roots.extend(asked);
+    Ok(roots)
 }
 
 /// A wall's name as a part of a file's: names of walls may hold anything.

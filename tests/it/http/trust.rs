@@ -16,7 +16,7 @@ fn manager(extra: &[&str]) -> Page {
 
 /// A request with these lines of its head, and no other.
 fn ask(page: &Page, method: &str, path: &str, lines: &[&str]) -> super::page::Answer {
-    let lines: String = lines.iter().map(|line| format!("{line}\r\n")).collect();
+    let lines: String = lines.iter().flat_map(|line| [*line, "\r\n"]).collect();
     let text = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\n{lines}\r\n");
     exchange(&page.address, text.as_bytes())
 }
