@@ -136,20 +136,7 @@ pub fn everything() -> Parts {
               "metallicRoughnessTexture": { "index": 1 }, "roughnessFactor": 0.5 },
           "normalTexture": { "index": 1, "scale": 0.5 }, "occlusionTexture": { "index": 1 },
           "emissiveTexture": { "index": 0 }, "emissiveFactor": [1.0, 1.0, 1.0],
-          "extensions": {
-              "KHR_materials_emissive_strength": { "emissiveStrength": 2.0 },
-              "KHR_materials_anisotropy": { "anisotropyStrength": 0.5,
-                  "anisotropyRotation": 1.0, "anisotropyTexture": { "index": 1 } },
-              "KHR_materials_iridescence": { "iridescenceFactor": 0.5, "iridescenceIor": 1.4,
-                  "iridescenceThicknessMinimum": 100, "iridescenceThicknessMaximum": 500,
-                  "iridescenceTexture": { "index": 1 },
-                  "iridescenceThicknessTexture": { "index": 1 } },
-              "KHR_materials_diffuse_transmission": { "diffuseTransmissionFactor": 0.5,
-                  "diffuseTransmissionTexture": { "index": 0 },
-                  "diffuseTransmissionColorFactor": [1.0, 0.5, 0.5],
-                  "diffuseTransmissionColorTexture": { "index": 0 } },
-              "KHR_materials_volume": { "thicknessFactor": 1.0, "attenuationDistance": 2.0,
-                  "attenuationColor": [0.5, 1.0, 1.0] } } },
+          "extensions": material_extensions() },
         { "alphaMode": "BLEND", "extensions": { "KHR_materials_unlit": {} } },
     ]);
     parts.json["textures"] = json!([{ "source": 0, "sampler": 0 }, { "source": 1 }]);
@@ -159,6 +146,25 @@ pub fn everything() -> Parts {
         { "bufferView": jpeg, "mimeType": "image/jpeg" },
     ]);
     parts.close()
+}
+
+/// Extensions of a material with two textures.
+fn material_extensions() -> Value {
+    json!({
+        "KHR_materials_emissive_strength": { "emissiveStrength": 2.0 },
+        "KHR_materials_anisotropy": { "anisotropyStrength": 0.5,
+            "anisotropyRotation": 1.0, "anisotropyTexture": { "index": 1 } },
+        "KHR_materials_iridescence": { "iridescenceFactor": 0.5, "iridescenceIor": 1.4,
+            "iridescenceThicknessMinimum": 100, "iridescenceThicknessMaximum": 500,
+            "iridescenceTexture": { "index": 1 },
+            "iridescenceThicknessTexture": { "index": 1 } },
+        "KHR_materials_diffuse_transmission": { "diffuseTransmissionFactor": 0.5,
+            "diffuseTransmissionTexture": { "index": 0 },
+            "diffuseTransmissionColorFactor": [1.0, 0.5, 0.5],
+            "diffuseTransmissionColorTexture": { "index": 0 } },
+        "KHR_materials_volume": { "thicknessFactor": 1.0, "attenuationDistance": 2.0,
+            "attenuationColor": [0.5, 1.0, 1.0] }
+    })
 }
 
 /// One triangle.
