@@ -128,13 +128,17 @@ impl VisibleItems {
         found
     }
 
-    /// Removes the items that are beyond a sphere in world space.
-    pub fn keep_within(&mut self, scene: &GpuScene, (center, radius): (DVec3, f64)) {
+    /// Removes the items that cast no shadow of a lamp with this reach, in world space: those that
+    /// are beyond it, and those that glow around it, such as its bulb or the glass of its lantern.
+    pub fn keep_casting(&mut self, scene: &GpuScene, (lamp, radius): (DVec3, f64)) {
         let reach = radius * radius;
-        // Written so that a box that is not finite stays.
         self.items.retain(|&item| {
-            let is_beyond = scene.item(item).2.distance_squared(center) > reach;
-            !is_beyond
+            let distance = scene.item(item).2.distance_squared(lamp);
+            let key = &scene.layout.keys[scene.batch_of(item).pipeline as usize];
+            // Written so that a box that is not finite stays.
+            let is_beyond = distance > reach;
+            let is_of_lamp = distance == 0.0 && key.material.glowing;
+            !is_beyond && !is_of_lamp
         });
     }
 

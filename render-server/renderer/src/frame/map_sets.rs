@@ -123,7 +123,7 @@ impl ShadowMap {
         let (light, receivers) = (self.view(camera), self.receivers());
         let mut casting = VisibleItems::casting(scene, &light, (tolerance, turns), receivers);
         if let Self::Lamp(map) = self {
-            casting.keep_within(scene, map.reached());
+            casting.keep_casting(scene, map.reached());
         }
         casting
     }

@@ -506,3 +506,26 @@ fn what_has_no_shadows_of_lamps_draws_as_if_there_were_none() {
         assert!(!text.contains("lamp_shadow") && !text.contains("lamp_maps"), "{text}");
     }
 }
+
+#[test]
+fn what_glows_around_a_lamp_lets_its_light_out() {
+    let dark = |glow: f32, lantern_at: DVec3| {
+        let mut stage = SceneFixture::new();
+        let floor = stage.material(grey());
+        let glass = stage.material(Material { emissive: Vec3::splat(glow), ..grey() });
+        let wide = stage.mesh(&MeshFixture::rectangle(9.0, 9.0), Some(floor));
+        let lantern = stage.mesh(&cube(), Some(glass));
+        stage.node(wide, DAffine3::from_rotation_x(-PI / 2.0));
+        let small = DAffine3::from_scale(DVec3::splat(0.3));
+        stage.node(lantern, DAffine3::from_translation(lantern_at) * small);
+        let lamp = Lamp::point(DVec3::Y * 2.0, 40.0);
+        stage.light(lamp.light(), lamp.place());
+        // The floor below the lamp, from beside it.
+        shadowed(&stage.build(), &look(DVec3::new(3.0, 3.0, 0.0), DVec3::new(1.5, 0.0, 0.0), SIZE))
+    };
+    let around = DVec3::Y * 2.0;
+    assert!(dark(0.0, around) > 5000, "glass that does not glow is a lid");
+    assert_eq!(dark(0.2, around), 0, "the glass of a lantern is none");
+    let beside = DVec3::new(0.6, 1.0, 0.0);
+    assert!(dark(0.2, beside) > 500, "what glows elsewhere casts its shadow");
+}
