@@ -49,10 +49,10 @@ pub const PORT_DEFAULT: u16 = 7880;
 /// One more is told so.
 const CONNECTIONS_MAX: usize = 384;
 
-/// What the manager needs for HTTP.
+/// The manager's options for HTTP.
 #[derive(Debug)]
 pub struct HttpOptions {
-    /// Where it listens.
+    /// The socket on which it listens.
     pub listener: std::net::TcpListener,
     /// Names by which browsers may reach it, beside addresses and `localhost`.
     pub hosts: Vec<String>,
@@ -68,7 +68,7 @@ pub type JpegEncoder = fn(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>
 /// Returns the camera that shows all of a scene from a heading in radians around +Y.
 pub type CameraFit = fn(&Wall, &Bounds, f64) -> Camera;
 
-/// What all connections share.
+/// The state that all connections share.
 struct HttpContext {
     gate: trust::Gate,
     events: mpsc::Sender<Event>,

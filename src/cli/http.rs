@@ -1,4 +1,4 @@
-//! What the commands that run a manager give it for HTTP.
+//! The HTTP options of commands that run a manager.
 
 use std::io::Cursor;
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};

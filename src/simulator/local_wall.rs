@@ -55,7 +55,7 @@ pub(crate) struct LocalWallOptions {
     pub culls_occluded: bool,
     /// What it must have so that it can be hurt.
     pub needs: FaultHooks,
-    /// Where its manager serves HTTP.
+    /// The address at which its manager serves HTTP.
     pub http: Option<HttpOptions>,
 }
 

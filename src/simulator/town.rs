@@ -60,11 +60,11 @@ pub struct TownOptions {
     pub blocks: u32,
     /// Another seed is another town.
     pub seed: u64,
-    /// What it has besides.
+    /// Its optional parts.
     pub extras: TownExtras,
 }
 
-/// What a town can have besides.
+/// The optional parts of a town.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TownExtras {
     /// The sea reaches to the horizon.

@@ -23,7 +23,7 @@ pub struct Browser {
     from: BufReader<ChildStdout>,
     last: u64,
     session: Value,
-    /// What the page has complained of.
+    /// Errors and warnings of the page.
     pub complaints: Vec<String>,
 }
 

@@ -28,7 +28,7 @@ pub struct AnimatedProperty {
 pub enum PropertyKind {
     /// Of nodes, with all that hangs from them: shown from 0.5 on, else hidden.
     Visible,
-    /// Of lights.
+    /// A factor of lights.
     Light(LightProperty),
     /// Of materials.
     Material(MaterialProperty),

@@ -53,7 +53,7 @@ pub(crate) struct LampMap {
     slope: f64,
     /// The distance of the near plane, in units of the world.
     near: f64,
-    /// What is farther from the light than this, in units of the world, is not reached by it.
+    /// The maximum distance that the light reaches, in units of the world.
     reach: f64,
     /// Texels along each side.
     side: u32,

@@ -100,7 +100,7 @@ impl ClipTargets {
     }
 }
 
-/// What a channel changes; `None` for nothing.
+/// The target of a channel; `None` if it changes nothing.
 ///
 /// # Errors
 /// A path or pointer that is none, or that names what is not changed here.

@@ -6,7 +6,7 @@ use polyptych_scene::{AnimatedPath, LightProperty, MaterialProperty, PropertyKin
 use super::error::BakeError;
 use super::uri;
 
-/// What a channel of an animation changes.
+/// The target of a channel of an animation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum ChannelTarget {
     /// The place or the weights of a node of the file.

@@ -28,11 +28,11 @@ pub(super) struct HttpClient {
     last: u64,
 }
 
-/// What came of a request.
+/// The outcome of a request.
 #[derive(Debug)]
 pub(super) struct Answered {
     pub response: Response,
-    /// What its sender should know of it.
+    /// Warnings for its sender.
     pub warnings: Vec<String>,
     /// The bytes of pictures or of a file, by their place in the response.
     pub pieces: Vec<Vec<u8>>,

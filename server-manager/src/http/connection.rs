@@ -27,7 +27,7 @@ pub(super) struct Connection {
     client: tokio::sync::Mutex<Option<HttpClient>>,
 }
 
-/// Where a connection stands.
+/// The standing of a connection.
 enum Standing {
     /// It has not shown who it is.
     Stranger(Guest),

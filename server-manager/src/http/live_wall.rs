@@ -44,7 +44,7 @@ pub(super) struct LiveEvent {
     pub text: Bytes,
 }
 
-/// What browsers watch.
+/// The state that browsers watch.
 #[derive(Clone)]
 pub(super) struct LiveWall(Arc<Shared>);
 

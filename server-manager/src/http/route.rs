@@ -16,7 +16,7 @@ use super::connection::Connection;
 use super::picture::PictureFormat;
 use super::resources;
 
-/// Where all routes begin.
+/// The path before all routes.
 pub(super) const BASE: &str = "/api/v1";
 
 /// What the manager warns of, such as that a change is not kept over a restart.
@@ -36,7 +36,7 @@ pub(super) struct Route {
     pub action: Action,
 }
 
-/// What a route does.
+/// The action of a route.
 #[derive(Clone, Copy)]
 pub(super) enum Action {
     /// Asks the wall, and answers with what it says.
@@ -62,7 +62,7 @@ pub(super) enum Action {
 /// A request for a route.
 pub(super) struct Call {
     pub headers: HeaderMap,
-    /// What stands for names in the path, in order.
+    /// The names in the path, in order.
     pub names: Vec<String>,
     pub query: Query,
     pub body: Vec<u8>,
@@ -209,7 +209,7 @@ pub(super) async fn answer(
     }
 }
 
-/// What the wall says, without the name of its type.
+/// The wall's response as JSON, without the name of its type.
 pub(super) fn answer_of(answered: Answered) -> Response<Body> {
     let value = match serde_json::to_value(&answered.response) {
         Ok(Value::Object(object)) => object.into_iter().next().map(|(_, inner)| inner),

@@ -17,7 +17,7 @@ use super::login::{self, COOKIE_TIME_MAX, CookieSigner, Logins};
 
 const FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
 
-/// What requests are held against.
+/// The checks that each request must pass.
 pub(super) struct Gate {
     pub keys: Option<Credentials>,
     /// Without keys.

@@ -17,7 +17,7 @@ use crate::harness::place::TestDir;
 pub struct Page {
     pub local: LocalWall,
     pub address: String,
-    /// What programs send.
+    /// The bearer token that programs send.
     pub bearer: String,
     /// Method and path of the routes that were asked for.
     pub asked: RefCell<BTreeSet<(String, String)>>,

@@ -59,7 +59,7 @@ pub(super) struct MapSet {
     /// By layer.
     maps: Vec<wgpu::TextureView>,
     pub all: wgpu::TextureView,
-    /// What shaders read of lamps; made when it is needed.
+    /// The records of lamps that shaders read; made when they are needed.
     pub records: Option<wgpu::Buffer>,
     /// The number of the frame that used it last.
     used: u64,

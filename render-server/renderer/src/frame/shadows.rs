@@ -33,7 +33,7 @@ struct ViewMaps {
     lamps: Option<usize>,
 }
 
-/// What is bound for a view: maps of suns, and the records and maps of lamps if a scene has any.
+/// The bindings of a view: maps of suns, and the records and maps of lamps if a scene has any.
 struct Bound<'a> {
     suns: &'a wgpu::TextureView,
     uniform: ShadowUniform,

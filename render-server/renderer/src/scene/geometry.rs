@@ -83,7 +83,7 @@ impl Geometry {
         })
     }
 
-    /// The same, to be blended: with its triangles if their order can be seen.
+    /// Returns it to be blended: with its triangles if their order can be seen.
     pub fn blended(&self, desc: &Primitive, bytes: &[u8]) -> Self {
         let (vertices, rest) = bytes.split_at(desc.vertex_bytes() as usize);
         let indices = &rest[..(desc.geometry_bytes() - desc.vertex_bytes()) as usize];

@@ -1,6 +1,6 @@
 //! The triangles of a blended geometry in the order of their distances, where that can be seen.
 //!
-//! What is blended must be drawn from far to near, within a mesh too. A part of a convex surface
+//! Blended triangles must be drawn from far to near, in a mesh too. A part of a convex surface
 //! needs no order of its own: a ray meets it at most twice, first where it faces the eye and then
 //! where it faces away, so its back faces before its front faces are in order already.
 
@@ -32,7 +32,7 @@ const PARALLEL_MIN: usize = 1 << 14;
 pub(crate) struct TriangleOrder {
     /// In the space of the primitive, by vertex; those at rest if clips bend it.
     positions: Vec<Vec3>,
-    /// Of all levels, in the order in which they are drawn.
+    /// The triangles of all levels, in the order in which they are drawn.
     indices: Vec<[u32; 3]>,
 }
 

@@ -46,7 +46,7 @@ fn lamp(intensity: f32) -> Light {
     Light { kind: LightKind::Point, color: Vec3::ONE, intensity, range: None }
 }
 
-/// What clips may change: the lamp, and these properties of the material.
+/// The things that clips may change: the lamp, and these properties of the material.
 fn traits(nodes: usize, properties: &[MaterialProperty]) -> NodeTraits {
     let unlit = NodeStyle { shading: Some(Shading::Unlit), ..NodeStyle::default() };
     let mut styles = vec![NodeStyle::default(); nodes];

@@ -6,7 +6,7 @@ use polyptych_protocol::feedback::{ChannelState, WallStatus};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 
-/// What the last status said.
+/// The facts of the last status.
 #[derive(Debug, Default)]
 pub(super) struct Happenings {
     last: Option<Known>,

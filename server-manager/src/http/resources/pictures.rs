@@ -33,7 +33,7 @@ const OF_WIDTH: (&str, &str) =
 const OF_TIME: (&str, &str) =
     ("time_s", "Scene time in seconds; where it is not given, the wall's own clock goes on.");
 
-/// What is taken a picture of.
+/// The subject of a picture.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::http) enum PictureOf {
     Wall,

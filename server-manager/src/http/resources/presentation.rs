@@ -1,4 +1,4 @@
-//! What displays show of the scene: modes, patterns, light, fog and bounds.
+//! The presentation of the scene: modes, patterns, light, fog and bounds.
 
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
