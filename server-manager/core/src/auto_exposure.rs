@@ -31,14 +31,14 @@ const ADAPTATION_S: f64 = 0.4;
 /// A difference that nobody sees, in stops: half a level of 8 bits at middle grey.
 const SAME_STOPS: f64 = 0.01;
 
-/// What was metered that far from the exposure, in stops, may have been beyond what channels hold:
-/// they tell 16 stops above white.
+/// Minimum distance from the exposure, in stops, at which a metered target may be wrong: channels
+/// count light only up to 16 stops above white.
 const UNSURE_STOPS: f64 = 8.0;
 
 /// Range of an exposure in stops: that of what is counted.
 const STOPS_MAX: f64 = 40.0;
 
-/// What is known of the light that the wall shows.
+/// The state of automatic exposure.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct AutoExposure {
     /// The exposure that suits the open scene, from which metering begins.
@@ -47,10 +47,10 @@ pub(super) struct AutoExposure {
     has_adapted: bool,
     /// The exposure to go to, in stops.
     target: Option<f64>,
-    /// When the exposure went there last.
+    /// The time of the last step towards `target`.
     adapted_at: Micros,
     metering: Option<Metering>,
-    /// When the last metered frame began.
+    /// The time at which the last metered frame began.
     metered_at: Option<Micros>,
     /// The newest frame was not metered, though it shows a scene.
     is_unmetered: bool,
@@ -188,7 +188,8 @@ impl Cluster {
         }
     }
 
-    /// When a wall that draws only what it is asked for meters what it has not metered yet.
+    /// Returns the time at which the newest frame is metered after all, on a wall that draws on
+    /// request only; `None` if there is nothing to meter.
     pub(super) fn next_metering(&self) -> Option<Micros> {
         let state = &self.auto_exposure;
         let waits = self.presentation.is_exposure_automatic && state.is_unmetered;

@@ -36,11 +36,11 @@ pub(super) struct FrameRequest {
     pub capture: bool,
     /// `true` for pictures that a person watches: neither scene time nor others wait for them.
     pub is_preview: bool,
-    /// What holds from this frame on, where it is ordered for that.
+    /// The output change that takes effect with this frame, if the request has one.
     pub wish: Option<OutputChange>,
 }
 
-/// What a client wants to be seen from a frame on.
+/// A change of the output mode or test pattern that a client requests with a frame.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(super) enum OutputChange {
     Displays(OutputMode),
@@ -58,7 +58,7 @@ impl FrameRequest {
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Barrier {
     pub frame: FrameId,
-    /// What it draws. The wall's state may go on meanwhile; this frame does not.
+    /// The revision that it draws. The wall's state may go on meanwhile; this frame does not.
     pub revision: Revision,
     digest: Digest,
     /// The error bound that it is drawn with, in pixels.
@@ -70,27 +70,31 @@ pub(super) struct Barrier {
     is_untypical: bool,
     pub time_s: f64,
     pub began: Micros,
-    /// When it began or the frame before it was swapped, whichever is later.
+    /// The time at which its wait starts: its own beginning or the swap of the frame before,
+    /// whichever is later.
     pub turn: Micros,
     /// The time for which it waits from its turn on.
     wait: Micros,
-    /// How long it waits while nobody has drawn: longer where all are late, of whom one may hang.
+    /// The time for which it waits while no channel has drawn: longer if all channels are late,
+    /// since some of them may hang.
     patience: Micros,
     /// It was sent while another frame was on its way.
     pub is_ahead: bool,
-    /// Whether it began when all were late; then whoever draws it within the longest wait is on
-    /// the way back, and the deadline learns from it.
+    /// `true` if all channels were late when it began. A channel that draws it within the longest
+    /// wait then counts as in time, and the deadline learns from it.
     is_all_late: bool,
     order: Option<FrameRequest>,
     /// Every server that was sent the frame.
     sent: Vec<SessionId>,
-    /// How many channels these servers draw it on.
+    /// Number of channels on which the servers in `sent` draw it.
     sent_channels: usize,
     /// The channels that the frame waits for, until they have drawn, failed or gone.
     pub waited: Vec<ChannelId>,
-    /// The same as the frame began: late channels that draw in time don't slow it.
+    /// The channels of `waited` when the frame began, without those given up: late channels that
+    /// draw in time don't slow it.
     awaited: Vec<ChannelId>,
-    /// What each server drew of those, in microseconds: its channels are drawn one after another.
+    /// Drawing time of each server for the channels in `awaited`, in microseconds, summed up: a
+    /// server draws its channels one after another.
     busy_us: BTreeMap<SessionId, u32>,
     pub drawn: BTreeMap<ChannelId, FrameRendered>,
 }
@@ -114,7 +118,8 @@ impl Barrier {
         if self.drawn.is_empty() { self.patience } else { self.wait }
     }
 
-    /// When it is over, as far as is known now. Only the oldest frame has a deadline.
+    /// Returns the time at which it ends at the latest, as far as is known now. Only the oldest
+    /// frame has a deadline.
     pub fn deadline(&self) -> Micros {
         self.turn + self.length()
     }
@@ -141,8 +146,9 @@ impl Barrier {
         awaited.max_by_key(|drawn| drawn.draw_us).map(|drawn| drawn.channel)
     }
 
-    /// The same for the deadline, which one server alone must not move: what exceeds
-    /// [`OUTLIER_FACTOR`] times the median server's time does not count.
+    /// Returns the time that the deadline learns from, in microseconds: the slowest server's, but
+    /// at most [`OUTLIER_FACTOR`] times the median server's, since one server alone must not move
+    /// the deadline. `None` if no awaited channel has drawn.
     fn typical_slowest_us(&self) -> Option<u32> {
         let mut all: Vec<u32> = self.busy_us.values().copied().collect();
         all.sort_unstable();
@@ -150,7 +156,7 @@ impl Barrier {
         all.last().map(|slowest| median.saturating_mul(OUTLIER_FACTOR).min(*slowest))
     }
 
-    /// Whether this is a drawing that the frame waited for.
+    /// Returns whether the frame waited for this drawing.
     fn awaits(&self, drawn: &FrameRendered) -> bool {
         self.frame == drawn.frame && self.awaited.contains(&drawn.channel)
     }
@@ -286,7 +292,7 @@ impl Cluster {
         order.is_some_and(|order| !order.is_preview) || self.pacer.pace().is_some()
     }
 
-    /// What an order asks for beside its frame holds from this frame on.
+    /// Applies the camera, output mode and test pattern that an order asks for, from this frame on.
     fn take_over(&mut self, order: Option<&FrameRequest>) {
         if let Some(camera) = order.and_then(|order| order.camera) {
             self.place_camera(camera);

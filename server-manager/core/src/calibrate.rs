@@ -27,7 +27,7 @@ pub(super) struct CalibrationWaiter {
 pub(super) struct CalibrationWaiters(Vec<(Revision, CalibrationWaiter)>);
 
 impl CalibrationWaiters {
-    /// Whether any waits for a state that a frame of this one does not show.
+    /// Returns whether any waits for a state that a frame of revision `drawing` does not show.
     pub fn wait_beyond(&self, drawing: Option<Revision>) -> bool {
         self.0.iter().any(|(of, _)| Some(*of) > drawing)
     }

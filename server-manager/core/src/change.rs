@@ -16,8 +16,8 @@ use super::change_queue::{ChangeOrigin, InFlightChange, StateChange};
 use super::scene_editing::EditWaiter;
 use super::{ClientRequest, Cluster, ImportedScene, Micros, PlayedClips, SessionId};
 
-/// How long a change waits for a server: enough for a large scene on a slow link; after this the
-/// wall goes on without its channels until they are ready.
+/// Maximum time for which a change waits for a server: enough for a large scene on a slow link.
+/// After this the wall goes on without its channels until they are ready.
 const PREPARE_TIME_MAX: Micros = 120_000_000;
 
 /// Most changes that wait for their turn.
@@ -140,14 +140,14 @@ impl Cluster {
         replica
     }
 
-    /// Whether every server with a channel that is live, or about to be, has answered.
+    /// Returns whether the server of every live or ready channel has answered.
     fn is_settled(&self, underway: &InFlightChange) -> bool {
         let (answered, asked) = self.answered(underway);
         answered == asked
     }
 
-    /// How many channels that are live, or about to be, have a server that has answered, and how
-    /// many there are.
+    /// Returns the number of live and ready channels whose server has answered (or that have none),
+    /// and the number of all live and ready channels.
     fn answered(&self, underway: &InFlightChange) -> (usize, usize) {
         let counts = |state| matches!(state, ChannelState::Live | ChannelState::Ready);
         let has_answered = |session: SessionId| {
@@ -294,9 +294,9 @@ impl Cluster {
         }
     }
 
-    /// A server has prepared what was refused meanwhile.
+    /// Resynchronises a server that has prepared a refused change.
     ///
-    /// Whether that is so: then it is given the shown state anew.
+    /// Returns whether it had prepared one.
     pub(super) fn resync_if_rejected(
         &mut self,
         now: Micros,

@@ -23,7 +23,7 @@ const MERGED_EDITS_MAX: usize = 1000;
 /// A change that was asked for.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct StateChange {
-    /// What servers are told; of a tuning known once it is its turn.
+    /// The operations for servers. Those of a tuning are empty until its turn comes.
     pub operations: Vec<Operation>,
     pub purpose: ChangeOrigin,
 }
@@ -35,16 +35,16 @@ pub(super) enum ChangeOrigin {
     Scene {
         job: ClientRequest,
         summary: Option<SceneSummary>,
-        /// What is to be known of it to edit it.
+        /// The outline, which is needed to edit it; `None` without a scene.
         outline: Option<Arc<SceneOutline>>,
         /// The number that its next node gets at least.
         next_node: u64,
     },
-    /// The same scene, changed.
+    /// An edit of the open scene.
     Edit { waiters: Vec<EditWaiter> },
-    /// The same scene on a wall that is adjusted otherwise.
+    /// A tuned wall; the scene stays.
     Tuning { wall: Box<Wall>, tuners: Vec<CalibrationWaiter> },
-    /// The same scene in other surroundings.
+    /// Another environment; the scene stays.
     Environment { job: ClientRequest },
 }
 
@@ -103,7 +103,7 @@ pub(super) struct ChangeQueue {
     /// work on it.
     #[serde(default)]
     pub(super) refused: Option<Revision>,
-    /// Whether no frame was swapped since a change was refused that some server had prepared.
+    /// `true` if no frame of the shown state was swapped since a change was refused.
     #[serde(default)]
     pub(super) is_refused_unseen: bool,
 }
@@ -117,7 +117,7 @@ pub(super) struct InFlightChange {
     pub expires: Micros,
     /// Servers that cannot draw it, with the reason.
     pub failed: Vec<(SessionId, String)>,
-    /// How far its client was last told that it is, in percent.
+    /// The progress that its client was told last, in percent; `None` before it was told any.
     #[serde(default)]
     pub told_percent: Option<u8>,
 }
@@ -159,7 +159,7 @@ impl ChangeQueue {
         replica.and_then(|replica| replica.scene.as_ref()).map(|scene| scene.manifest)
     }
 
-    /// Whether this server has said that it cannot prepare the change on its way.
+    /// Returns whether this server has reported that it cannot prepare the change on its way.
     pub fn has_failed_on(&self, session: SessionId) -> bool {
         let mut failed = self.current.iter().flat_map(|underway| &underway.failed);
         failed.any(|(id, _)| *id == session)
@@ -175,10 +175,10 @@ impl ChangeQueue {
         }
     }
 
-    /// Whether another change may wait.
+    /// Checks that another change may wait.
     ///
     /// # Errors
-    /// How many wait already.
+    /// Returns an error if [`CHANGES_MAX`] changes are waiting already.
     pub fn expect_room(&self) -> Result<(), String> {
         if self.queue.len() < CHANGES_MAX {
             return Ok(());
@@ -186,7 +186,7 @@ impl ChangeQueue {
         Err(format!("{CHANGES_MAX} changes are waiting already; ask again later"))
     }
 
-    /// How many wait for their turn.
+    /// Returns the number of changes that wait for their turn.
     pub fn waiting(&self) -> usize {
         self.queue.len()
     }
@@ -235,7 +235,7 @@ impl ChangeQueue {
         Ok(())
     }
 
-    /// Whether this revision was refused, and is no state of the wall.
+    /// Returns whether this revision was refused, and so is no state of the wall.
     pub fn is_refused(&self, shown: Revision, revision: Revision) -> bool {
         shown < revision && self.refused.is_some_and(|refused| revision <= refused)
     }

@@ -19,7 +19,7 @@ const FRAME_BOUNDS_S: &[f64] = &[
 const BARRIER_BOUNDS_S: &[f64] =
     &[0.00005, 0.0001, 0.0002, 0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.5];
 
-/// How many measurements lie up to each of some bounds.
+/// A histogram of measurements, with an upper bound for each bucket.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram {
     bounds: &'static [f64],
@@ -50,7 +50,7 @@ impl Histogram {
         self.sum
     }
 
-    /// How many there were.
+    /// Returns the number of measurements.
     pub fn count(&self) -> u64 {
         self.counts.iter().sum()
     }
@@ -80,7 +80,7 @@ pub struct Counters {
     pub complete: u64,
     /// From frame command to swap command, in seconds.
     pub frame_s: Histogram,
-    /// What of that the slowest channel did not draw, in seconds.
+    /// The part of a frame's time in which its slowest channel did not draw, in seconds.
     pub barrier_s: Histogram,
     /// The slowest waited-for channel's own drawing time, in seconds.
     pub draw_s: Histogram,

@@ -1,4 +1,4 @@
-//! How long a frame waits: a multiple of what the wall's channels usually take.
+//! The time that a frame waits: a multiple of the usual drawing time of the wall's channels.
 
 use std::collections::VecDeque;
 
@@ -40,7 +40,7 @@ impl Deadline {
         Micros::from(self.rule.max_ms) * 1000
     }
 
-    /// How long the next frame waits. With nothing to go by, as long as any may.
+    /// Returns the time that the next frame waits; the longest allowed if nothing was measured yet.
     pub fn length(&self) -> Micros {
         let mut sorted: Vec<u32> = self.draws_us.iter().copied().collect();
         if sorted.is_empty() {

@@ -20,7 +20,8 @@ const RATES: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
 /// Most scenes of one client that are looked for and baked at a time.
 const IMPORTS_MAX: usize = 16;
 
-/// The same of all clients, those that left before the end among them.
+/// Maximum number of scenes of all clients that are looked for and baked at a time, including those
+/// of clients that left before the end.
 const IMPORTS_OF_ALL_MAX: usize = 64;
 
 impl Cluster {
@@ -129,7 +130,7 @@ impl Cluster {
         Ok(Some(Response::Done))
     }
 
-    /// What of the open scene can be chosen.
+    /// Lists the variants or the animation clips of the open scene, as requested.
     fn list(&self, request: &Request) -> Result<Option<Response>, String> {
         Ok(Some(match request {
             Request::ListVariants => Response::Variants(self.variants()?),

@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 pub struct ImportedScene {
     /// Its name and manifest.
     pub scene: SceneRef,
-    /// What the client is told; the revision is filled in by the core.
+    /// The summary that the client is sent; the core fills in the revision.
     pub summary: Box<SceneSummary>,
-    /// What is to be known of it to edit it.
+    /// The outline, which is needed to edit it.
     pub outline: Arc<SceneOutline>,
     /// Its changes when it was saved.
     pub edits: SceneEdits,

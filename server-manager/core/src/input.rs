@@ -1,4 +1,4 @@
-//! What the core is told: every `handle_*` call as a value that can be kept and told again.
+//! The inputs of the core: every `handle_*` call as a value that can be stored and replayed.
 
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::handshake::ServerHello;
@@ -22,21 +22,21 @@ pub enum Input {
         session: SessionId,
         /// Its introduction.
         hello: ServerHello,
-        /// Where it connects from.
+        /// The address that it connects from.
         address: String,
     },
     /// [`Cluster::handle_status`].
     Status {
         /// The server's connection.
         from: SessionId,
-        /// What it reports.
+        /// The message that it sent.
         status: ServerMessage,
     },
     /// [`Cluster::handle_life`].
     Heard {
         /// The server's connection.
         from: SessionId,
-        /// When its last message came.
+        /// The time at which its last message came.
         at: Micros,
     },
     /// [`Cluster::handle_server_gone`].
@@ -50,7 +50,7 @@ pub enum Input {
     Client {
         /// Its connection.
         session: SessionId,
-        /// What it calls itself.
+        /// The name by which it introduces itself.
         name: String,
     },
     /// [`Cluster::handle_client_gone`].
@@ -64,21 +64,21 @@ pub enum Input {
         client: SessionId,
         /// The client's number.
         id: RequestId,
-        /// What it asks.
+        /// The request.
         request: Request,
     },
     /// [`Cluster::handle_import`].
     Import {
         /// Who asked.
         job: ClientRequest,
-        /// What came of the bake.
+        /// The baked scene, or the reason why there is none.
         imported: Result<ImportedScene, String>,
     },
     /// [`Cluster::handle_progress`].
     Progress {
         /// Who asked.
         job: ClientRequest,
-        /// How far the baker has come.
+        /// The progress of the baker.
         progress: OpenProgress,
     },
     /// [`Cluster::handle_places`], to [`Cluster::unplaced_nodes`].

@@ -1,9 +1,9 @@
 //! The core of the wall: what the manager decides, without sockets and without a clock.
 //!
-//! What arrives goes as an [`Input`] into [`Cluster::handle`], with `now` in microseconds of the
-//! manager's time; what is to be done comes out of [`Cluster::poll_effect`];
-//! [`Cluster::poll_timeout`] says when [`Input::Timeout`] is due. Every failure of a wall is so a
-//! short deterministic test.
+//! Everything that arrives goes as an [`Input`] into [`Cluster::handle`], with `now` in
+//! microseconds of the manager's time. Everything that is to be done comes out of
+//! [`Cluster::poll_effect`]; [`Cluster::poll_timeout`] says when [`Input::Timeout`] is due. This
+//! makes every failure of a wall a short deterministic test.
 
 mod aggregate;
 mod auto_exposure;
@@ -93,28 +93,28 @@ pub const FRAME_ORDERS_MAX: usize = 64;
 /// Longest reason of a server that is kept and passed on: it stands in every status.
 const REASON_BYTES_MAX: usize = 1024;
 
-/// What the core wants done. In order.
+/// A side effect that the core requests. Effects are carried out in order.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
     /// Send this to these servers.
     Command {
         /// The control connections.
         to: Vec<SessionId>,
-        /// What to send.
+        /// The command to send.
         command: Box<Command>,
     },
     /// Send this to a client.
     Answer {
         /// Its connection.
         to: SessionId,
-        /// What to send.
+        /// The message to send.
         answer: MessageToClient,
     },
     /// Bake this scene and come back with [`Input::Import`].
     Import {
         /// Who asked; names the import.
         job: ClientRequest,
-        /// As the client gave it.
+        /// The path of the scene's file, as the client gave it.
         path: String,
         /// The scene of the file, as the client gave it.
         scene: Option<String>,
@@ -177,15 +177,15 @@ struct ClientState {
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Cluster {
     epoch: Epoch,
-    /// As the wall file describes it.
+    /// The wall as its file describes it.
     file: Wall,
-    /// As it is tuned, in the state that frames name.
+    /// The wall as it is tuned, in the state that frames name.
     wall: Wall,
-    /// What frames name: the state that live channels can draw.
+    /// The state that frames name: live channels can draw it.
     shown: Replica,
     shown_digest: Digest,
     features: Vec<String>,
-    /// What of the shown scene is not drawn.
+    /// Notes on what is not drawn of the shown scene.
     #[serde(default)]
     notes: Vec<String>,
     changes: ChangeQueue,
@@ -204,11 +204,11 @@ pub struct Cluster {
     frame: FrameId,
     /// The last frame that was swapped.
     swapped: FrameId,
-    /// What the next frame presents.
+    /// The presentation that the next frame has.
     presentation: Presentation,
     navigator: navigate::Navigator,
-    /// Whether the wall has gone on from what another manager remembered, and no client has
-    /// asked for a frame yet.
+    /// `true` if the wall has gone on from the state that another manager persisted, and no client
+    /// has asked for a frame yet.
     is_going_on: bool,
     /// A frame that nobody has ordered, for channels that would see none otherwise.
     wants_frame: bool,
@@ -357,7 +357,7 @@ impl Cluster {
         let _ = self.registry.record_heartbeat(from, at);
     }
 
-    /// When the next server will have been silent for too long, if ever.
+    /// Returns the time at which the next server will have been silent for too long, if ever.
     pub fn next_silence(&self) -> Option<Micros> {
         self.registry.next_heartbeat_timeout()
     }
@@ -388,7 +388,7 @@ impl Cluster {
         self.advance_frame(now);
     }
 
-    /// When [`Input::Timeout`] is due next, if ever.
+    /// Returns the time at which [`Input::Timeout`] is due next, if ever.
     pub fn poll_timeout(&self) -> Option<Micros> {
         let begins = if !self.may_begin() {
             None
@@ -411,7 +411,7 @@ impl Cluster {
         .min()
     }
 
-    /// What is to be done next.
+    /// Returns the next effect that is to be carried out.
     pub fn poll_effect(&mut self) -> Option<Effect> {
         self.outputs.pop_front()
     }
@@ -457,7 +457,7 @@ impl Cluster {
     }
 }
 
-/// The same with only the beginning of what a server says in words: it stands in every status.
+/// Returns the message with its reason cut to `REASON_BYTES_MAX` bytes: it stands in every status.
 pub fn truncate_reason(mut status: ServerMessage) -> ServerMessage {
     if let ServerMessage::PrepareFailed { reason, .. }
     | ServerMessage::DrawFailed { reason, .. }

@@ -244,9 +244,9 @@ impl Cluster {
         }
     }
 
-    /// Whether a channel that has become ready is given a frame though nobody has ordered one.
-    /// Its display would else say that the manager is lost which has come back, show an older
-    /// picture than its neighbours, or light up on a wall that is to be black.
+    /// Returns whether a channel that has become ready is given a frame though no client has
+    /// ordered one. Otherwise its display would still report a lost manager, show an older picture
+    /// than its neighbours, or light up on a wall that is to be black.
     fn must_see_a_frame(&self, now: Micros) -> bool {
         let comes_soon = self.pacer.is_soon(now);
         let has_shown = self.swapped.0 > 0;

@@ -22,25 +22,26 @@ const ZOOM_MAX: f64 = 100.0;
 /// Smallest and largest radius of the scene in metres of display space, to which it is zoomed.
 const RADIUS_M: [f64; 2] = [1e-3, 1e6];
 
-/// How far the middle of the scene is moved away from the eye at most, in radii of the scene.
+/// Maximum distance to which the middle of the scene is moved away from the eye, in radii of the
+/// scene.
 const DISTANCE_MAX_RADII: f64 = 1e6;
 
 /// Shortest distance that a pan counts with, in distances of the screen: inside the middle of the
 /// scene a pan would otherwise move nothing.
 const PAN_DEPTH_MIN: f64 = 0.05;
 
-/// How long after a move the camera is persisted; until then others may follow.
+/// Time after a move at which the camera is persisted; until then others may follow.
 pub(super) const REMEMBER_WAIT: Micros = 500_000;
 
 /// Who may move the camera, about what, and what is still to be persisted.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Navigator {
     is_allowed: bool,
-    /// Of the open scene.
+    /// The bounds of the open scene.
     pub bounds: Option<Bounds>,
     /// Moves so far.
     pub count: u64,
-    /// When the moved camera is persisted.
+    /// The time at which the moved camera is persisted.
     pub remember_at: Option<Micros>,
 }
 

@@ -1,5 +1,5 @@
-//! What becomes of scenes whose client has lost its connection meanwhile: a scene may bake for
-//! minutes, and a client that is back in the same epoch can ask.
+//! Outcomes of scenes whose client has lost its connection meanwhile: a scene may bake for minutes,
+//! and a client that is back in the same epoch can ask.
 
 use std::collections::VecDeque;
 
@@ -15,11 +15,11 @@ pub(super) const OUTCOMES_MAX: usize = 64;
 /// A request to open a scene that its client has not been answered yet.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Opened {
-    /// As the first client asked, which names the bake.
+    /// The first client's request, which names the bake.
     job: ClientRequest,
     /// The request that is answered in its place: the same, or one for its outcome.
     heir: ClientRequest,
-    /// What came of it, if the client was not there any more.
+    /// The outcome, if it came after the client had gone.
     outcome: Option<Result<Response, RequestError>>,
 }
 

@@ -1,4 +1,4 @@
-//! When the next frame begins, where the wall draws by itself.
+//! The wall's own pace: when the next frame begins, if the wall draws by itself.
 
 use polyptych_protocol::request::Pacing;
 use serde::{Deserialize, Serialize};
@@ -51,7 +51,7 @@ impl Pacer {
     /// A frame began at `now`. `is_awaited` says whether any channel is: without one, a free
     /// pace would spin.
     pub fn frame_started(&mut self, now: Micros, is_awaited: bool) {
-        /// What a free pace keeps to while nobody draws.
+        /// The period of a free pace while no channel is waited for.
         const IDLE_PERIOD: Micros = 20_000;
         let period = match self.pace {
             None => return,

@@ -1,4 +1,4 @@
-//! What outlives a manager: remembered before a client is told that it was done.
+//! The state that outlives a manager: persisted before a client is told that its request was done.
 
 use polyptych_protocol::environment::Environment;
 use polyptych_protocol::ids::{Epoch, Revision};
@@ -16,25 +16,25 @@ use super::{Cluster, EditedScene, Effect, FollowedNode, Micros, PlayedClips, Pla
 /// what it asked to be kept.
 const FRAME_CAMERA_PERIOD: Micros = 1_000_000;
 
-/// What a manager needs to go on where another one stopped. It is of the wall that it is given
-/// with: what an edited wall file leaves valid is decided before.
+/// The state that a manager needs to go on where another one stopped. It is valid for the wall that
+/// comes with it: what an edited wall file makes invalid was removed before.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PersistentState {
     /// Changes so far.
     pub revision: Revision,
     /// The open scene.
     pub scene: Option<SceneRef>,
-    /// What frames present: a wall that was made black does not light up with a new manager.
+    /// The presentation of frames: a wall that was made black does not light up with a new manager.
     pub presentation: Presentation,
-    /// How fast the wall draws by itself.
+    /// The pace at which the wall draws by itself, if it does.
     pub pace: Option<Pacing>,
     /// The adjustments of channels that were tuned, by name.
     pub tunings: Vec<(String, ChannelCalibration)>,
-    /// What of the open scene is not drawn, as its manifest says.
+    /// Notes on what is not drawn of the open scene, as its manifest says.
     pub notes: Vec<String>,
     /// Around everything that the open scene draws.
     pub bounds: Option<Bounds>,
-    /// What was changed of the open scene.
+    /// The changes of the open scene.
     pub edits: SceneEdits,
     /// The number that the next node of it gets at least.
     pub next_node: u64,
@@ -58,7 +58,7 @@ pub struct PersistentState {
 }
 
 impl PersistentState {
-    /// What there is before anything was asked of this wall.
+    /// Returns the state before anything was asked of this wall.
     pub fn of_wall(wall: &Wall) -> Self {
         Self {
             revision: Revision::default(),
@@ -228,7 +228,7 @@ impl Cluster {
         }
     }
 
-    /// The same after a frame, now and then.
+    /// Persists the state after a frame, at most once in [`FRAME_CAMERA_PERIOD`].
     pub(super) fn persist_camera(&mut self, now: Micros) {
         if now.saturating_sub(self.remembered_at) >= FRAME_CAMERA_PERIOD {
             self.remembered_at = now;

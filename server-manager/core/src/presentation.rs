@@ -1,5 +1,4 @@
-//! What the wall looks at, and from where: the camera, the viewer's head, and the views that lie
-//! over the wall's own picture.
+//! The camera, the viewer's head, and the views that lie over the wall's own picture.
 
 use polyptych_protocol::head_update::HeadUpdate;
 use polyptych_wall::Wall;
@@ -48,10 +47,10 @@ impl Cluster {
         std::iter::once(&self.wall).chain(self.changes.pending_walls())
     }
 
-    /// Whether what is looked at, and from where, can be shown on this wall too.
+    /// Checks that the present head and views can be shown on this wall too.
     ///
     /// # Errors
-    /// What cannot, why, and what would be right.
+    /// Says whether the head or a view cannot be shown, why, and what to do.
     pub(super) fn check_presentation(&self, wall: &Wall) -> Result<(), String> {
         wall.check_head(&self.presentation.head)
             .map_err(|error| format!("the head as it stands: {error}; move it first"))?;

@@ -1,4 +1,4 @@
-//! How far scenes have come that are being opened: told to who opened them, and in the status.
+//! Progress of scenes that are being opened: sent to the clients that open them, and in the status.
 
 use std::path::Path;
 

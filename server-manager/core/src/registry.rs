@@ -16,9 +16,10 @@ use super::{Micros, SessionId, span};
 /// Frames in time after which a late channel is waited for again, the first time.
 const REJOIN_FRAMES_MIN: u32 = 8;
 
-/// The same after many relapses: a channel that keeps failing is waited for ever more rarely. One
-/// that was in time for as many frames is forgiven: a wall that runs for weeks would otherwise make
-/// every hiccup cost seconds.
+/// Maximum number of frames in time after which a late channel is waited for again. It is reached
+/// after many relapses: a channel that keeps failing is waited for ever more rarely. A channel that
+/// was in time for as many frames begins with [`REJOIN_FRAMES_MIN`] again: on a wall that runs for
+/// weeks every hiccup would otherwise cost seconds.
 const REJOIN_FRAMES_MAX: u32 = 512;
 
 /// Longest pause before a server that fails again and again is given the shown state anew. Pauses
@@ -44,17 +45,18 @@ pub(super) struct ServerEntry {
     pub pid: u32,
     pub adapter: Adapter,
     pub channels: Vec<ChannelId>,
-    /// What it could draw at once.
+    /// The revision that it has prepared and could draw at once.
     pub prepared: Option<Revision>,
-    /// What it was sent and has not answered yet.
+    /// The state that it was sent and has not answered yet.
     pub owes: Option<Owed>,
     /// The warning of its server about the wall's object stores.
     pub storage_warning: Option<String>,
-    /// What it owes too, though nobody wants it any more. Nothing is sent beside both.
+    /// An obsolete revision that it was sent before and has not answered either. It is sent nothing
+    /// more while it owes both.
     pub obsolete: Option<Revision>,
     pub memory_bytes: u64,
     pub scene_bytes: u64,
-    /// When it is asked once more for what it could not prepare.
+    /// The time at which it is sent again what it could not prepare.
     retry_at: Option<Micros>,
     /// Pauses since it began to fail, and when the last one began.
     failures: u32,
@@ -117,12 +119,12 @@ impl ServerEntry {
     }
 }
 
-/// What a server's answer on a state is to.
+/// The state to which a server's answer refers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Answered {
-    /// What it owes.
+    /// The state that it owes.
     Owed,
-    /// What it was sent, and nobody wants any more.
+    /// A state that it was sent and that is obsolete.
     Obsolete,
     /// Nothing: its loader may still be at work for the connection before this one.
     Unasked,
@@ -135,7 +137,7 @@ pub(super) struct ChannelEntry {
     pub state: ChannelState,
     pub since: Micros,
     pub reason: Option<String>,
-    /// What its server says is wrong with its display.
+    /// The warning of its server about its display.
     pub display_warning: Option<String>,
     pub server: Option<SessionId>,
     /// The last frame that it showed.
@@ -151,13 +153,13 @@ pub(super) struct ChannelEntry {
     pub frames_drawn: u32,
     /// Frames in time since it last missed one.
     in_time: u32,
-    /// When its last drawing was reported.
+    /// The time at which its last drawing was reported.
     drew_at: Micros,
     /// Changes of its state that were logged since then.
     lines: u32,
     lines_since: Micros,
     rejoin_frames: u32,
-    /// What it takes after the next miss.
+    /// The value that `rejoin_frames` takes after the next miss.
     next_rejoin_frames: u32,
 }
 
@@ -463,7 +465,8 @@ impl Registry {
         self.turn_live(now, frame, |channel| channel.state == ChannelState::Ready);
     }
 
-    /// The same for late channels that have caught up.
+    /// Makes late channels live that have caught up. Between two frames only, as
+    /// [`Self::admit_ready`].
     pub fn admit_late(&mut self, now: Micros, frame: FrameId) {
         self.turn_live(now, frame, |channel| {
             channel.state == ChannelState::Late && channel.in_time >= channel.rejoin_frames
@@ -479,7 +482,7 @@ impl Registry {
         }
     }
 
-    /// Whether a late channel drew its last frame in time.
+    /// Returns whether a late channel drew its last frame in time.
     pub fn is_catching_up(&self, id: ChannelId) -> bool {
         self.channel(id).is_some_and(|channel| channel.in_time > 0)
     }

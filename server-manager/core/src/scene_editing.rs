@@ -38,7 +38,7 @@ pub(super) struct EditWaiter {
     notes: Vec<String>,
 }
 
-/// What an edit changes.
+/// The part of a scene that an edit changes.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 enum Target {
     Node(NodeId),
@@ -69,7 +69,7 @@ impl std::fmt::Display for Target {
     }
 }
 
-/// What is accepted of the open scene, shown or not yet.
+/// The accepted edits of the open scene, shown or not yet.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct SceneEditing {
     /// `None` where no scene is open, or what it holds is not known.
@@ -126,7 +126,7 @@ impl SceneEditing {
         self.next_node
     }
 
-    /// Whether any waits for a state that a frame of this one does not show.
+    /// Returns whether any waits for a state that a frame of revision `drawing` does not show.
     pub fn wait_beyond(&self, drawing: Option<Revision>) -> bool {
         self.waiters.iter().any(|(of, _)| Some(*of) > drawing)
     }
@@ -144,7 +144,7 @@ impl SceneEditing {
     /// do for it.
     ///
     /// # Errors
-    /// Which edit cannot be, why, and what would be right.
+    /// Says which edit is invalid, why, and what would be right.
     fn accept(&mut self, transaction: Transaction) -> Result<Accepted, String> {
         let outline = self.outline.clone().ok_or(
             "no scene is open that can be edited; open one first, or again after a restart",
@@ -267,7 +267,8 @@ impl SceneEditing {
         Ok(set)
     }
 
-    /// Whether what an edit changes was changed since the client has seen it.
+    /// Checks that the target of an edit was not changed since `base`, the revision that the client
+    /// has seen.
     fn check_conflict(&self, base: Option<Revision>, edit: &Edit) -> Result<(), String> {
         let (Some(base), Some(target)) = (base, Target::of(edit)) else { return Ok(()) };
         if base < self.since {
@@ -314,7 +315,7 @@ fn own_number(
     })
 }
 
-/// What servers are told to do to the scene, of these operations.
+/// Returns the edits of the scene in these operations.
 fn edits_of(operations: &[Operation]) -> impl Iterator<Item = &Edit> {
     operations.iter().flat_map(|operation| match operation {
         Operation::EditScene(edits) => &edits[..],
@@ -323,8 +324,8 @@ fn edits_of(operations: &[Operation]) -> impl Iterator<Item = &Edit> {
 }
 
 impl Cluster {
-    /// What the open scene is made of, for the state that was remembered: without it, it cannot be
-    /// edited.
+    /// Sets the outline of the open scene, for a state that was restored: without it, the scene
+    /// cannot be edited.
     pub fn set_outline(&mut self, outline: Option<Arc<SceneOutline>>) {
         self.editing.outline = outline.filter(|_| self.shown.scene.is_some());
     }
@@ -339,7 +340,7 @@ impl Cluster {
         self.shown.revision
     }
 
-    /// Of all that was accepted.
+    /// Returns a fingerprint of all accepted edits.
     #[cfg(test)]
     pub(super) fn editing_fingerprint(&self) -> u64 {
         self.editing.accepted.fingerprint()

@@ -20,7 +20,7 @@ const SKEW_FRAMES: usize = 1024;
 /// microseconds: a server's clock is that far off at most, whatever error it claims.
 const CLOCK_SLACK_MAX_US: u32 = 20_000;
 
-/// What feedback says of a channel is this old at most, as far as [`REFRESHED_AT_ONCE`] allows.
+/// Maximum age of a channel's skew in feedback, as far as [`REFRESHED_AT_ONCE`] allows.
 const REFRESH_PERIOD: Micros = 1_000_000;
 
 /// Channels whose quantiles are found anew after one frame, about 5 µs each: a wall of 64 at 60
@@ -32,7 +32,7 @@ const REFRESHED_AT_ONCE: usize = 4;
 pub(super) struct SkewTracker {
     frames: VecDeque<Presented>,
     channels: Vec<SkewWindow>,
-    /// Whose turn it is to be refreshed.
+    /// Index of the channel that was considered for a refresh last.
     next: usize,
 }
 
@@ -40,9 +40,9 @@ pub(super) struct SkewTracker {
 #[derive(Debug)]
 struct Presented {
     frame: FrameId,
-    /// How many channels were sent it.
+    /// Number of channels that were sent it.
     sent: usize,
-    /// When the swap was sent, in manager time.
+    /// The time at which the swap was sent, in manager time.
     at: Micros,
     reports: Vec<FramePresented>,
 }
@@ -56,7 +56,7 @@ struct SkewWindow {
     refreshed_at: Option<Micros>,
 }
 
-/// How far each channel's present call lies behind the first one, in microseconds.
+/// The time by which each channel's present call lies behind the first one, in microseconds.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct FrameSkew {
     pub skews_us: Vec<(ChannelId, u64)>,
@@ -205,7 +205,7 @@ mod tests {
 
     use super::*;
 
-    /// When reports arrive, where it does not matter.
+    /// The arrival time of reports in tests where it does not matter.
     const LATER: Micros = 1 << 40;
 
     fn shown(frame: u64, channel: u16, at_us: u64, clock_error_us: u32) -> FramePresented {

@@ -1,4 +1,4 @@
-//! What the core tells those who watch it, in one piece.
+//! A snapshot of the core, for its observers.
 
 use polyptych_protocol::feedback::WallStatus;
 
@@ -9,7 +9,7 @@ use super::{Cluster, FRAME_ORDERS_MAX, Micros};
 /// The wall as it stands, and its totals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
-    /// As a client is told.
+    /// The status in the form that clients get.
     pub status: WallStatus,
     /// Since the manager started.
     pub totals: Counters,

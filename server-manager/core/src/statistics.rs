@@ -1,4 +1,4 @@
-//! What frames took: gathered frame by frame, reported as spreads.
+//! Times of frames: gathered frame by frame, reported as quantiles.
 
 use hdrhistogram::Histogram;
 use polyptych_protocol::feedback::{
@@ -86,7 +86,7 @@ struct ChannelSamples {
     limiting: u64,
 }
 
-/// What is counted of a swapped frame beside its feedback.
+/// Facts about a swapped frame that its feedback does not have.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct FrameFacts {
     /// It waited for at least one channel.
@@ -120,7 +120,7 @@ pub(super) struct StatisticsCollector {
     frames: u64,
     complete: u64,
     ahead: u64,
-    /// When the first frame began.
+    /// The time at which the first frame began.
     first: Option<Micros>,
     last: Micros,
     late: Vec<u64>,

@@ -12,11 +12,12 @@ use super::change_queue::{ChangeOrigin, ChangeQueue, StateChange};
 use super::scene_editing::EditWaiter;
 use super::{ClientRequest, Cluster, Micros};
 
-/// How long a scene may still become ready once another one waits behind it: most take less, and
-/// are shown in their turn; who opened the next one waits no longer than this.
+/// Maximum time for which a scene may still become ready once another one waits behind it: most
+/// take less, and are shown in their turn. The client that opened the next one waits no longer than
+/// this.
 const OBSOLETE_TIME_MAX: Micros = 500_000;
 
-/// What a server was sent and has not answered.
+/// A state that a server was sent and has not answered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Owed {
     pub revision: Revision,

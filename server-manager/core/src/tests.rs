@@ -58,7 +58,7 @@ struct ClusterFixture {
     now: Micros,
     next_id: u64,
     replicas: BTreeMap<SessionId, Replica>,
-    /// Of all states that a server has prepared.
+    /// The digests of all states that a server has prepared.
     digests: BTreeMap<(SessionId, Revision), Digest>,
     /// The state that the last frame named, by server.
     asked: BTreeMap<SessionId, Revision>,
@@ -220,8 +220,8 @@ impl ClusterFixture {
         }
     }
 
-    /// As a server reports it: of the state that its frame names, though a change may have gone
-    /// on since.
+    /// Returns a server's report on a drawing: of the state that its frame names, though a change
+    /// may have gone on since.
     fn drawn(&self, channel: u32) -> FrameRendered {
         let id = ChannelId(channel as u16);
         let server = self.cluster.registry.channel(id).and_then(|channel| channel.server);
@@ -270,7 +270,7 @@ impl ClusterFixture {
         self.cluster.status(self.now).channels[channel].state
     }
 
-    /// Whether the last answer is to this request, with a frame that every channel showed.
+    /// Returns whether the last answer is to this request, with a frame that every channel showed.
     fn is_answered_by_a_whole_frame(&self, id: RequestId) -> bool {
         let Some((of, Ok(Response::Frame(feedback)))) = self.replies.last() else { return false };
         *of == id && feedback.is_complete() && feedback.frame == self.cluster.swapped

@@ -10,7 +10,8 @@ impl Cluster {
     /// Checks that the open scene, as it was edited, has what a view shows of it.
     ///
     /// # Errors
-    /// Which node or layer it does not have, or that no scene is open.
+    /// Says which node or layer is missing, that there are too many layers, or that no scene is
+    /// open.
     pub(crate) fn check_subset(&self, view: &View) -> Result<(), String> {
         let (root, layers) = (view.root.map(NodeId), view.layers.clone());
         if root.is_none() && layers.is_none() {

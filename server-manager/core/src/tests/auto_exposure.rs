@@ -5,8 +5,8 @@ use polyptych_protocol::pattern::TestPattern;
 
 use super::*;
 
-/// What a channel tells of a picture that is as bright as this all over, beside corners without
-/// light and a lamp that is too bright to be told.
+/// Returns a channel's counts of a picture with this luminance all over, except for corners without
+/// light and a lamp that is too bright to be counted.
 fn counts(luminance: f32) -> Vec<u32> {
     let mut counts = vec![0; LUMINANCE_COUNTS];
     let at = luminance_index(luminance).expect("light");

@@ -1,4 +1,4 @@
-//! What displays show, and how far apart they show it.
+//! Output modes of displays, and the skew between displays.
 
 use polyptych_protocol::feedback::Skew;
 use polyptych_protocol::output_mode::OutputMode;

@@ -69,7 +69,7 @@ impl ClusterFixture {
         reply.expect_err("refused").reason
     }
 
-    /// Where a server has a node.
+    /// Returns the X coordinate at which a server has a node, if it was moved.
     fn place(&self, session: u64, node: NodeId) -> Option<f64> {
         let edits = &self.replicas[&SessionId(session)].edits;
         edits.node(node).and_then(|of| of.local).map(|local| local.translation.x)

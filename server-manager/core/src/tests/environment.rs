@@ -1,4 +1,4 @@
-//! What surrounds scenes: a change as any, which all servers prepare.
+//! The environment of scenes: a change like any other, which all servers prepare.
 
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::environment::{Environment, EnvironmentSource};

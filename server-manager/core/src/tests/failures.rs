@@ -1,4 +1,5 @@
-//! What one channel must not do to the others, and how long what it did is held against it.
+//! Limits on what a failing channel costs the others, and on how long its failure is held against
+//! it.
 
 use super::*;
 

@@ -21,7 +21,8 @@ fn follow(node: NodeId) -> Follow {
 }
 
 impl ClusterFixture {
-    /// What the file of the house has of the nodes that the core asks for.
+    /// Answers the core's question for the places of nodes, as the file of the house has them.
+    /// Returns these nodes.
     fn place_nodes(&mut self) -> Vec<NodeId> {
         let nodes = self.cluster.unplaced_nodes();
         let scene = self.cluster.shown.scene.as_ref().expect("a scene").manifest;

@@ -1,4 +1,4 @@
-//! What the simulated wall has found, each as the shortest story that tells it.
+//! Errors that the simulated wall has found, each as its shortest reproduction.
 
 use super::*;
 

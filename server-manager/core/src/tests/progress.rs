@@ -1,4 +1,4 @@
-//! How far scenes have come that are being opened, and who saw a frame.
+//! Progress of scenes that are being opened, and the channels that showed a frame.
 
 use polyptych_protocol::feedback::Shown;
 use polyptych_protocol::ids::RequestId;
@@ -9,7 +9,7 @@ use super::{ClusterFixture, SessionId};
 use crate::{ClientRequest, ImportedScene};
 
 impl ClusterFixture {
-    /// What the status says of scenes that are being opened.
+    /// Returns the scenes that are being opened, as the status has them.
     fn openings(&self) -> Vec<String> {
         let openings = self.cluster.status(self.now).opening;
         openings.iter().map(|opening| format!("{}: {}", opening.scene, opening.progress)).collect()

@@ -1,4 +1,4 @@
-//! What the schedules went through: a schedule in which nothing happens proves nothing.
+//! Coverage of the schedules: a schedule in which nothing happens proves nothing.
 
 use std::collections::BTreeMap;
 
@@ -72,7 +72,7 @@ impl Coverage {
     }
 }
 
-/// What ten thousand schedules must have gone through.
+/// The events that ten thousand schedules must have had.
 const WHAT_MUST_HAPPEN: [&str; 32] = [
     "camera moved by a mouse",
     "client disconnected",

@@ -30,7 +30,7 @@ impl Rng {
         low + self.below(high - low + 1)
     }
 
-    /// Whether a thing happens that happens so many times in a thousand.
+    /// Returns `true` with a probability of `permille` in a thousand.
     pub fn is_hit(&mut self, permille: u64) -> bool {
         self.below(1000) < permille
     }

@@ -1,5 +1,5 @@
-//! What must always hold of frames, states and channels: an observer that keeps its own books,
-//! from the messages alone, and compares.
+//! Invariants of frames, states and channels: an observer that keeps its own books, from the
+//! messages alone, and compares.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -22,7 +22,8 @@ use super::promise::DurabilityChecker;
 use super::server::{DrawnImage, State};
 use super::world::Check;
 
-/// What one input may set off: all that waits may settle at once on a wall without servers.
+/// Maximum number of outputs of one input: all that waits may settle at once on a wall without
+/// servers.
 const OUTPUTS_MAX: usize = 3 * 64 + 256;
 
 /// Most changes in the core's queue; its own limit is private to its module.
@@ -52,7 +53,8 @@ struct Record {
 #[derive(Debug, Default)]
 struct Joined {
     owes: Option<Revision>,
-    /// Of what it owes, and what it owes beside it, though that is not wanted any more.
+    /// The scene of the state that it owes; `obsolete` is owed beside it, though it is not wanted
+    /// any more.
     scene: Option<BlobHash>,
     obsolete: Option<Revision>,
     prepared: BTreeSet<Revision>,

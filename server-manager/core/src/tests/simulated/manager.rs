@@ -36,7 +36,7 @@ pub struct Manager {
     pub life: u32,
     pub started: Micros,
     pub stopped_until: Micros,
-    /// What is on disk.
+    /// The state on disk.
     pub memory: Option<PersistentState>,
     next_session: u64,
     alarm: Option<Micros>,
@@ -49,7 +49,7 @@ pub struct Manager {
     pub frames_before: Vec<FrameId>,
 }
 
-/// What every simulated scene is made of: four nodes, each below the one before.
+/// Returns the outline of every simulated scene: four nodes, each below the one before.
 fn outline() -> Arc<SceneOutline> {
     let node = |parent| Node { parent, ..Node::default() };
     let nodes = [None, Some(0), Some(1), Some(2)].map(node).into();

@@ -21,7 +21,7 @@ pub enum Side {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct LinkId(pub usize);
 
-/// What travels.
+/// A message of a simulated connection.
 #[derive(Clone, Debug)]
 pub enum Packet {
     Hello,
@@ -47,7 +47,7 @@ pub struct LinkDirection {
 #[derive(Debug)]
 pub struct Link {
     pub server: usize,
-    /// Of which life of the manager it is.
+    /// The manager's `life` when it was opened.
     pub life: u32,
     pub session: Option<SessionId>,
     to_server: LinkDirection,
@@ -85,7 +85,7 @@ impl Link {
     }
 }
 
-/// How long things travel.
+/// The latency of messages.
 #[derive(Debug)]
 pub struct LatencyModel {
     dice: Rng,

@@ -1,5 +1,4 @@
-//! What clients were told: every request has one answer, and what was said to be done is
-//! remembered.
+//! Promises to clients: every request has one answer, and what was said to be done is remembered.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,7 +14,7 @@ use super::super::{ClientRequest, Cluster, Micros, PersistentState, SessionId};
 use super::invariant::InvariantChecker;
 use super::world::Check;
 
-/// What is open, and what was promised.
+/// Open requests, and what clients were promised.
 #[derive(Debug, Default)]
 pub struct DurabilityChecker {
     open: BTreeMap<(SessionId, RequestId), Request>,
@@ -31,7 +30,7 @@ pub struct DurabilityChecker {
     pub is_tuning_refused: bool,
 }
 
-/// What clients believe of the wall; `None` where they were told nothing.
+/// The state of the wall as clients were told it; `None` where they were told nothing.
 #[derive(Debug, Default)]
 struct ClientView {
     scene: Option<(Revision, Option<String>)>,

@@ -14,7 +14,7 @@ use super::world::{Check, SimEvent, Simulation};
 /// `STATES_MAX` of the render server.
 const STATES_MAX: usize = 4;
 
-/// What the other threads want of this one.
+/// A job that another thread gives this one.
 #[derive(Debug)]
 pub enum Job {
     Frame(Box<Frame>),
@@ -22,7 +22,7 @@ pub enum Job {
     Disconnected,
 }
 
-/// What the thread is at.
+/// The present work of the thread.
 #[derive(Debug)]
 pub enum Drawing {
     /// A frame, one channel after the other.

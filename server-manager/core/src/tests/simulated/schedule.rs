@@ -27,7 +27,7 @@ const CALM_RATE: f64 = 50.0;
 /// and a few for those that stumble once more.
 const CALM_FRAMES: u64 = 700;
 
-/// How rough a schedule is.
+/// The frequency of faults and requests in a schedule.
 #[derive(Clone, Copy, Debug)]
 struct FaultRates {
     /// Faults in a thousand steps.
@@ -429,7 +429,7 @@ fn missing(world: &Simulation) -> String {
     format!("{states:?}; open requests: {open:?}; pictures: {:?}", world.watch.shown)
 }
 
-/// Whether all channels show the last frame, of the same state, once no more come.
+/// Returns whether all channels show the last frame, of the same state, once no more come.
 fn is_at_rest_alike(world: &mut Simulation, client: usize) -> Result<bool, String> {
     // A wall whose camera moves is not at rest.
     let is_navigated = std::mem::take(&mut world.is_navigated);

@@ -43,7 +43,7 @@ impl State {
     }
 }
 
-/// What a channel's own target holds.
+/// The content of a channel's own target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DrawnImage {
     pub epoch: Epoch,
@@ -52,7 +52,7 @@ pub struct DrawnImage {
     pub digest: Digest,
 }
 
-/// What is wrong with a server, and until when.
+/// The faults of a server, with the times at which they end.
 #[derive(Clone, Debug, Default)]
 pub struct InjectedFaults {
     /// The whole process stands still.
@@ -102,9 +102,10 @@ pub struct Server {
     loading: Option<Result<State, String>>,
     ready: Option<(Epoch, Replica)>,
     ready_scene: Option<BlobHash>,
-    /// When it began to draw its last frame.
+    /// The time at which it began to draw its last frame.
     pub frame_began: Micros,
-    /// How much later than it should it may show the frames that it drew last, which took so long.
+    /// The frames that it drew last, and how much later than it should it may show each: as long as
+    /// its drawing took, within `SLOW_GRACE_MAX`.
     pub graces_us: VecDeque<(FrameKey, Micros)>,
     pub load_us: Micros,
     // The render thread.

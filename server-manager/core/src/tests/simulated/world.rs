@@ -18,7 +18,7 @@ use super::server::Server;
 /// An invariant holds, or what broke it.
 pub type Check = Result<(), String>;
 
-/// What comes at its time. Servers' things carry their life: another one does not do them.
+/// An event that is due at a time. Events of a process carry its life; another life ignores them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SimEvent {
     Arrives(LinkId, Side),
@@ -67,10 +67,10 @@ pub struct Simulation {
     pub dice: Rng,
     pub watch: InvariantChecker,
     pub coverage: Coverage,
-    /// Whether mice move over its windows: on one wall of four, so that older seeds of the others
+    /// `true` if mice move over its windows: on one wall of four, so that older seeds of the others
     /// mean what they did.
     pub is_navigated: bool,
-    /// Whether what happens is printed.
+    /// `true` if events are printed.
     pub is_told: bool,
 }
 
