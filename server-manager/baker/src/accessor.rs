@@ -12,7 +12,7 @@ use super::source::GltfSource;
 /// replaced): larger counts would be memory for nothing.
 pub(super) const ZEROS_MAX: u64 = 1 << 22;
 
-/// What a component is in the file.
+/// The type of a component in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Component {
     I8,
@@ -114,9 +114,9 @@ struct Sparse<'a> {
 pub(super) struct Accessor<'a> {
     /// Its JSON path, for messages.
     pub place: String,
-    /// How many elements it has.
+    /// Number of elements.
     pub count: usize,
-    /// How many components an element has.
+    /// Number of components of an element.
     pub width: usize,
     component: Component,
     normalized: bool,

@@ -1,4 +1,4 @@
-//! Where bakes lie, so that no scene is imported twice.
+//! The store of bakes, so that no scene is imported twice.
 //!
 //! ```text
 //! STORE/blobs/3f/3fa1...    meshes, textures, manifests: protocol's BlobFolder

@@ -1,4 +1,4 @@
-//! How large things are where they are drawn.
+//! The sizes of things where they are drawn.
 
 use std::collections::BTreeMap;
 

@@ -1,6 +1,6 @@
 //! Compressed bytes of a file, unpacked before anything of them is read.
 //!
-//! What is unpacked stands in a buffer and a view of its own behind those of the file, and views,
+//! Unpacked bytes stand in a buffer and a view of their own behind those of the file, and views,
 //! accessors and primitives are made to name that, so that nothing else knows of compression.
 
 mod draco;

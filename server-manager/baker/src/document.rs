@@ -19,7 +19,7 @@ use super::error::BakeError;
 use super::extensions::ExtensionUses;
 use super::numbers;
 
-/// What must be understood before anything else is looked at.
+/// The part of the JSON that must be understood before anything else is looked at.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct AssetHeader {
@@ -62,7 +62,7 @@ pub(super) struct Document {
 }
 
 impl Document {
-    /// How many primitives have more than one set of colours.
+    /// Returns the number of primitives that have more than one set of colours.
     pub(super) fn further_colors(&self) -> usize {
         let primitives = self.meshes.iter().flat_map(|mesh| &mesh.primitives);
         primitives.filter(|primitive| primitive.attributes.contains_key("COLOR_1")).count()
@@ -182,7 +182,7 @@ impl Default for Visibility {
     }
 }
 
-/// Which light stands at a node.
+/// The light that stands at a node.
 #[derive(Debug, Deserialize)]
 pub(super) struct NodeLight {
     pub light: u32,
@@ -259,7 +259,7 @@ fn triangles() -> u32 {
     4
 }
 
-/// How to read values out of a view.
+/// The layout of values in a view.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Accessor {
@@ -283,7 +283,7 @@ pub(super) struct Sparse {
     pub values: SparseValues,
 }
 
-/// Where the replaced values stand.
+/// The indices of the replaced values.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct SparseIndices {
@@ -293,7 +293,7 @@ pub(super) struct SparseIndices {
     pub component_type: u32,
 }
 
-/// What they are replaced by.
+/// The values that replace them.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct SparseValues {
@@ -384,7 +384,7 @@ pub(super) struct Image {
     pub buffer_view: Option<u32>,
 }
 
-/// What deforms a mesh: nodes, and what takes the mesh into the space of each.
+/// The joints that deform a mesh, and the matrices that take the mesh into the space of each.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Skin {

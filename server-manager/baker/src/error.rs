@@ -16,9 +16,9 @@ pub enum BakeError {
         file: PathBuf,
         /// The place in it, as a JSON path like `accessors[3]`, or `file`.
         place: String,
-        /// What is wrong there.
+        /// The error there.
         what: String,
-        /// What would be right.
+        /// The right value, range or file.
         right: String,
     },
     /// The file system says so.

@@ -90,7 +90,7 @@ fn metered(samples: &mut [(f64, f64)]) -> Option<f64> {
 struct Lamp {
     kind: LightKind,
     position: DVec3,
-    /// Of length 1.
+    /// A vector of length 1.
     direction: DVec3,
     /// Lux of a directional light, candela of others; of the light that is seen (BT.709).
     strength: f64,
@@ -197,7 +197,8 @@ fn boxes(scene: &Scene, world: &[DAffine3]) -> Vec<Box> {
     boxes
 }
 
-/// Where a node draws its mesh.
+/// Returns the transforms with which a node draws its mesh, in world space: a sample of its
+/// instances if they are many.
 fn placements(node: &Node, world: DAffine3) -> impl Iterator<Item = DAffine3> + '_ {
     let copies = node.instances.iter().step_by(node.instances.len().div_ceil(INSTANCES_MAX).max(1));
     let copies = copies.map(move |copy| {

@@ -40,11 +40,11 @@ const SAID_ELSEWHERE: [&str; 17] = [
 const NEUTRAL: [(&str, &[(&str, f64)]); 1] =
     [("KHR_materials_volume_scatter", &[("multiscatterColor", 0.0)])];
 
-/// How often extensions stand in a file, by name and top-level list.
+/// Counts of the extensions in a file, by name and top-level list.
 #[derive(Debug, Default)]
 pub(super) struct ExtensionUses(BTreeMap<String, BTreeMap<Host, u64>>);
 
-/// What an extension extends.
+/// The kind of object that an extension extends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Host {
     Material,
@@ -207,7 +207,7 @@ fn is_of_material(name: &str) -> bool {
     NEUTRAL.iter().any(|(known, _)| *known == name)
 }
 
-/// Whether a material looks the same with this extension and without it.
+/// Returns whether a material looks the same with this extension and without it.
 fn is_neutral(name: &str, value: &Value) -> bool {
     let keys = NEUTRAL.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, keys)| keys);
     keys.iter().all(|(key, neutral)| match value.get(key) {

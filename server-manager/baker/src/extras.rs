@@ -22,8 +22,8 @@ pub(super) struct ExtrasList {
 }
 
 impl ExtrasList {
-    /// Adds what a node of the file says, which is at this place of the scene, and hidden or not.
-    /// What it says of its camera goes before an entry of that name.
+    /// Adds the attributes of a node of the file, which is at this place of the scene, and hidden
+    /// or not. The attribute of its camera takes precedence over an entry of the same name.
     pub(super) fn add(
         &mut self,
         (place, is_hidden): (u32, bool),

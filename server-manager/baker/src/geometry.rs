@@ -14,7 +14,7 @@ use super::{BakeJob, document, topology};
 #[derive(Debug)]
 pub(super) struct Geometry {
     pub topology: Topology,
-    /// As many as [`topology::arity`] says make one element; all below `positions.len()`.
+    /// Indices below `positions.len()`; [`topology::arity`] of them make one element.
     pub indices: Vec<u32>,
     pub positions: Vec<[f32; 3]>,
     /// Unit vectors; where `None`, every triangle has its own.
@@ -24,7 +24,7 @@ pub(super) struct Geometry {
     pub colors: Option<Vec<[f32; 4]>>,
 }
 
-/// Where tangents come from.
+/// The tangents of a primitive, by their source.
 #[derive(Debug)]
 pub(super) enum Tangents {
     /// Nothing needs them.

@@ -13,7 +13,7 @@ use serde::de::{DeserializeSeed, Deserializer, EnumAccess, Error, MapAccess, Seq
 /// The path and the reason of a value that cannot be read.
 #[derive(Debug)]
 pub(super) struct JsonError {
-    /// As in `accessors[3].count`; empty for the whole text.
+    /// The JSON path, as in `accessors[3].count`; empty for the whole text.
     pub path: String,
     /// The reason, with line and column where there is a text.
     pub error: serde_json::Error,
@@ -65,14 +65,14 @@ impl Track {
     }
 }
 
-/// What is special about the value that is asked for.
+/// The way in which the requested value is read.
 #[derive(Clone, Copy)]
 enum Mode<'t> {
-    /// Nothing.
+    /// A value without a special type.
     Plain,
-    /// It is an integer.
+    /// An integer, which may be written as a float.
     Integer,
-    /// It is a key, which is remembered here.
+    /// A key, which is remembered here.
     Key(&'t RefCell<String>),
 }
 
@@ -283,7 +283,7 @@ impl<'de, A: MapAccess<'de>> MapAccess<'de> for Entries<'_, A> {
     }
 }
 
-/// What will read an element, a key or a value.
+/// The seed of an element, a key or a value, with the mode in which it is read.
 struct Seed<'t, S> {
     inner: S,
     track: &'t Track,

@@ -91,14 +91,14 @@ const BAKER_VERSION: u32 = 17;
 /// lit surfaces stand out against it.
 pub const SKY_DEFAULT: Vec3 = Vec3::new(0.20, 0.32, 0.50);
 
-/// How far a bake has come.
+/// The progress of a bake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
     /// `reading`, `nodes`, `meshes` and `levels` by turns, `textures` or `manifest`, in this order.
     pub stage: &'static str,
-    /// How many of the stage's parts are done.
+    /// Number of the stage's parts that are done.
     pub done: u64,
-    /// How many parts the stage has.
+    /// Number of the stage's parts.
     pub total: u64,
 }
 
@@ -128,13 +128,13 @@ pub struct BakedLevel {
     pub error_m: f64,
 }
 
-/// What a bake gave.
+/// The result of a bake.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Baked {
     /// The blob that is the scene; 64 hexadecimal digits in JSON.
     #[serde(with = "hex")]
     pub manifest: BlobHash,
-    /// Whether the store had it already.
+    /// `true` if the store had it already.
     #[serde(default)]
     pub reused: bool,
     /// The scene's name: the file's stem.
@@ -156,7 +156,7 @@ pub struct Baked {
     /// leaves out, in degrees.
     #[serde(default)]
     pub normal_angle_deg: f64,
-    /// What is not drawn, or not as it is there; see [`Scene::notes`].
+    /// Notes on what is not drawn, or not as it is there; see [`Scene::notes`].
     #[serde(default)]
     pub warnings: Vec<String>,
 }
@@ -194,7 +194,7 @@ pub fn bake(
 /// is the scene that the file names, or else its first.
 ///
 /// # Errors
-/// As of [`bake`]; a scene that is not there, with those that are.
+/// Those of [`bake`]; for an unknown scene also a list of those that the file has.
 pub fn bake_scene(
     source: &Path,
     scene: Option<&str>,

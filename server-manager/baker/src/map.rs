@@ -1,6 +1,6 @@
 //! The foreign files of a wall: warp maps, screen meshes and masks in, decoded maps out.
 //!
-//! What a file is is seen by its first bytes, and where those say nothing, by its name:
+//! The kind of a file is seen by its first bytes or, if those say nothing, by its name:
 //!
 //! | file | is | what its numbers are |
 //! |---|---|---|
@@ -41,18 +41,18 @@ use super::{BakeCache, hex, source};
 /// Largest file of a wall: a warp map of 8,192² points takes 768 MiB.
 const MAP_FILE_BYTES_MAX: u64 = 1 << 30;
 
-/// What a file of a wall is for.
+/// The use of a file of a wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MapUse {
-    /// Where the pixels of a channel lie.
+    /// The places of a channel's pixels.
     Warp {
         /// The channel's width by its height, which Bourke meshes are measured in; `None` where
         /// channels of several shapes use the file.
         aspect: Option<f64>,
-        /// Whether pixels of a PFM at (0, 0, 0) are unlit.
+        /// `true` if pixels of a PFM at (0, 0, 0) are unlit.
         dark_zeros: bool,
-        /// Whether it is an OBJ whose positions are places of the picture and whose UV are places
-        /// of the canvas.
+        /// `true` for an OBJ whose positions are places of the picture and whose UV are places of
+        /// the canvas.
         sgct_roles: bool,
     },
     /// The shape of a screen: points in display space, with places on its canvas as UV.
@@ -61,19 +61,19 @@ pub enum MapUse {
     Mask,
 }
 
-/// What a file of a wall became.
+/// A file of a wall, as it was baked.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BakedMap {
     /// Its blob; 64 hexadecimal digits in JSON.
     #[serde(with = "hex")]
     pub blob: BlobHash,
-    /// What it is, for people: "warp grid of 64 × 36 points in display space".
+    /// A description for people: "warp grid of 64 × 36 points in display space".
     pub what: String,
-    /// Whether its points lie on a canvas, and so are right for one eye only.
+    /// `true` if its points lie on a canvas, and so are right for one eye only.
     pub is_for_one_eye: bool,
     /// Some places of its surface, if it has any.
     pub front: Vec<SurfaceSample>,
-    /// What of it may not be meant, and what to do.
+    /// A warning that something in it may not be meant, and what to do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub warning: Option<String>,
 }

@@ -17,7 +17,7 @@ use super::json::JsonError;
 /// Largest factor, such as the brightest emission: what a half float can still hold.
 pub(super) const FACTOR_MAX: f32 = 65504.0;
 
-/// What a texture holds, which decides how it is filtered.
+/// The content of a texture, which decides how it is filtered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum TextureKind {
     /// sRGB; alpha means nothing.
@@ -39,18 +39,19 @@ pub(super) enum TextureKind {
 pub(super) struct TextureUse {
     /// An index into the file's textures.
     pub texture: u32,
-    /// What it is taken for.
+    /// The content that it is read as.
     pub content: TextureKind,
 }
 
-/// What a material needs of vertices.
+/// The requirements of a material on vertices and triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct VertexRequirements {
-    /// Which `TEXCOORD_n` each of the two sets is, where it is used.
+    /// The number n of the `TEXCOORD_n` that each of the two sets holds; `None` if the set is not
+    /// used.
     pub uv_sets: [Option<u32>; 2],
     /// Set of coordinates, and its transform, along which tangents lie; `None` without tangents.
     pub tangents: Option<(u8, Affine2)>,
-    /// Whether triangles must stay in order, because they are blended.
+    /// `true` if triangles must stay in order, because they are blended.
     pub keeps_order: bool,
 }
 
@@ -301,7 +302,8 @@ impl MaterialContext<'_, '_, '_> {
         Ok(Some(TextureRef { texture, uv_set, uv_transform }))
     }
 
-    /// Which of our two sets stands for `TEXCOORD_set`: itself for 0 and 1, else a free one.
+    /// Returns the one of our two sets that stands for `TEXCOORD_set`: the set of that number if it
+    /// is free, else the other one. `None` if both stand for others.
     fn slot(&mut self, set: u32) -> Option<u8> {
         let sets = &mut self.needs.uv_sets;
         if let Some(slot) = sets.iter().position(|&have| have == Some(set)) {

@@ -343,7 +343,8 @@ impl PieceReader {
         ((0..vertices.len() as u32).collect(), vertices)
     }
 
-    /// The same where normals or tangents belong to corners: corners that agree share a vertex.
+    /// Returns the indices and vertices of these elements where normals or tangents belong to
+    /// corners: corners that agree share a vertex.
     fn weld(
         &self,
         elements: &[u32],

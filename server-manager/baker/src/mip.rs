@@ -130,7 +130,8 @@ fn halve(
     Level { width: out_width, height: out_height, texels }
 }
 
-/// Which pixels of a side of `size` make pixel `i` of its half, and their weights, which sum to 1.
+/// Returns the pixels of a side of `size` that make pixel `i` of its half, and their weights, which
+/// sum to 1.
 fn taps(i: usize, size: usize) -> (Range<usize>, [f32; 3]) {
     let half = size / 2;
     if size == 1 {

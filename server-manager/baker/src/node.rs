@@ -18,7 +18,7 @@ use super::extras::ExtrasList;
 use super::mesh_use::{Meshes, SkinnedPlace};
 use super::{BakeJob, camera, uri};
 
-/// How far the last row of a matrix may be from 0, 0, 0, 1.
+/// Maximum difference of a matrix's last row from 0, 0, 0, 1.
 const AFFINE_TOLERANCE: f64 = 1e-5;
 
 /// The nodes of the shown scene, and the meshes that they draw.
@@ -170,7 +170,7 @@ impl Tree<'_> {
     }
 }
 
-/// How a message calls a node.
+/// Returns the name of a node in messages.
 fn title(json: &[document::Node], index: u32) -> String {
     let name = json.get(index as usize).map_or("", |node| node.name.as_str());
     format!("nodes[{index}] '{}'", uri::shorten(name))

@@ -30,7 +30,7 @@ pub(super) struct Pose {
     pub weights: Vec<f64>,
     /// The frame from the mesh, for each joint; empty without a skin.
     pub joints: Vec<DAffine3>,
-    /// The same for primitives that no joint moves.
+    /// The frame from the mesh, for primitives that no joint moves.
     pub rigid: DAffine3,
 }
 
@@ -111,7 +111,8 @@ pub(super) fn joints(
     Ok(Bound { top, frame, matrices, inverse_binds })
 }
 
-/// What takes a mesh into the space of each joint; identities if the skin has none.
+/// Returns the matrices that take a mesh into the space of each joint; identities if the skin has
+/// none.
 fn inverse_binds(
     job: &BakeJob<'_>,
     json: &document::Skin,
@@ -301,7 +302,7 @@ type Weights = Vec<[f32; 4]>;
 struct Skin<'a> {
     pose: &'a Pose,
     place: String,
-    /// Of JOINTS_0 and WEIGHTS_0, and so on.
+    /// The joints and weights of `JOINTS_0` and `WEIGHTS_0`, `JOINTS_1` and `WEIGHTS_1`, and so on.
     sets: Vec<(Joints, Weights)>,
 }
 

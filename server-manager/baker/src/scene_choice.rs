@@ -72,7 +72,8 @@ fn list(document: &Document) -> String {
     format!("{}{more}", all.join(", "))
 }
 
-/// What chooses a scene: its name, or its number if it has none or an earlier one has the name.
+/// Returns the text that chooses a scene: its name, or its number if it has none or an earlier one
+/// has the name.
 fn title(document: &Document, at: usize) -> String {
     let name = &document.scenes[at].name;
     let is_first = document.scenes.iter().position(|scene| scene.name == *name) == Some(at);

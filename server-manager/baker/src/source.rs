@@ -40,9 +40,9 @@ const READ_BYTES: usize = 1 << 20;
 pub(super) struct GltfSource {
     /// The JSON.
     pub document: Document,
-    /// What changes whenever a byte of any of the files changes.
+    /// A digest that changes whenever a byte of any of the files changes.
     pub digest: BlobHash,
-    /// Of all files and `data:` URIs together.
+    /// Bytes of all files and `data:` URIs together.
     pub bytes: u64,
     elements_read: Cell<u64>,
     buffers: Vec<Vec<u8>>,
@@ -309,7 +309,7 @@ impl From<Unresolved> for BakeError {
     }
 }
 
-/// Where a relative path leads, if it stays inside the folder.
+/// Returns the file that a relative path leads to, if it stays inside the folder.
 fn resolve(folder: &Path, path: &str, uri: &str, place: &str) -> Result<PathBuf, Unresolved> {
     let outside = || {
         let what = format!("'{}' leads out of the scene's folder", uri::shorten(uri));

@@ -15,7 +15,8 @@ const UV_MAX: f32 = 1e6;
 /// every pair, so that a file with a million vertices in one point would take hours.
 const PAIRS_MAX: u64 = 1 << 30;
 
-/// Whether welding would take forever: the vertices that share a place, squared.
+/// Returns whether welding would take hours: it compares each pair of vertices that share a place,
+/// and there are more than [`PAIRS_MAX`].
 fn is_crowded(positions: &[[f32; 3]]) -> bool {
     let mut count_at: HashMap<[u32; 3], u64> = HashMap::with_capacity(positions.len());
     let mut pairs = 0u64;

@@ -2,7 +2,7 @@
 
 use polyptych_scene::Topology;
 
-/// What a mode draws, or `None` where there is no such mode.
+/// Returns the topology that a mode draws, or `None` if there is no such mode.
 pub(super) fn of_mode(mode: u32) -> Option<Topology> {
     match mode {
         0 => Some(Topology::Points),
@@ -12,7 +12,7 @@ pub(super) fn of_mode(mode: u32) -> Option<Topology> {
     }
 }
 
-/// How many indices make one element.
+/// Returns the number of indices in one element.
 pub(super) fn arity(topology: Topology) -> usize {
     match topology {
         Topology::Points => 1,

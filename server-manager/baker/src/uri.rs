@@ -2,7 +2,7 @@
 
 use super::error::BakeError;
 
-/// What a URI stands for.
+/// The target of a URI.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum UriTarget {
     /// The bytes of a `data:` URI.

@@ -15,7 +15,7 @@ use super::document::Primitive;
 use super::error::BakeError;
 use super::material::{Palette, VertexRequirements};
 
-/// Where variants stand in the file.
+/// The JSON path of the file's variants.
 const LIST: &str = "extensions.KHR_materials_variants.variants";
 
 /// Materials that variants replace.
@@ -112,7 +112,8 @@ impl ReplacedMaterials {
     }
 }
 
-/// What two materials of one primitive need together; `more` has the sets of `needs` too.
+/// Returns the requirements of two materials of one primitive together; `more` has the sets of
+/// `needs` too.
 fn joined(
     job: &mut BakeJob<'_>,
     primitive: &Primitive,

@@ -30,7 +30,7 @@ pub(super) fn vertices(indices: &mut [u32], vertices: usize) -> Vec<u32> {
     old_of
 }
 
-/// How often a first-in-first-out cache must fetch a vertex.
+/// Returns the number of vertices that a first-in-first-out cache must fetch.
 fn misses(indices: &[u32], vertices: usize) -> usize {
     let mut entered = vec![0u32; vertices];
     let mut time = CACHE + 1;

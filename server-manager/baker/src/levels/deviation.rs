@@ -11,7 +11,7 @@
 //! divide into quarters; along the edges, what lies flat on the other surface takes no division at
 //! all.
 //!
-//! What is returned is proven up to the rounding of f64, which the caller adds.
+//! Returned bounds are proven up to the rounding of f64, which the caller adds.
 
 use glam::DVec3;
 

@@ -1,4 +1,4 @@
-//! Whether each place of a picture belongs to one triangle at most.
+//! The check that each place of a picture belongs to one triangle at most.
 //!
 //! A warp shows one point at a place. Triangles that are turned over, or lie over others, would
 //! show two, and which of them is chance.
@@ -20,7 +20,8 @@ const EDGE: f64 = 1e-6;
 /// two values. What lies beside the picture is never drawn, and may be folded.
 ///
 /// # Errors
-/// What is folded; `place_of` says how to call the triangle of an index.
+/// Names a triangle that is turned over or lies over another, as `place_of` calls the triangle of
+/// an index; or says that no triangle covers any of the picture.
 pub(super) fn check(
     mut mesh: ImportedMesh,
     place_of: impl Fn(usize) -> String,
@@ -74,8 +75,8 @@ fn without_loose_vertices(mut mesh: ImportedMesh) -> ImportedMesh {
     ImportedMesh { vertices: kept, triangles: mesh.triangles }
 }
 
-/// Whether more than a line of a triangle lies in the picture: axes that separate both, as of two
-/// convex polygons; S. Gottschalk, *Separating axis theorem*, 1996.
+/// Returns whether more than a line of a triangle lies in the picture: axes that separate both, as
+/// of two convex polygons; S. Gottschalk, *Separating axis theorem*, 1996.
 fn is_in_picture(corners: [DVec2; 3]) -> bool {
     let [a, b, c] = corners;
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
@@ -119,7 +120,8 @@ fn overlap(triangles: &[(usize, [DVec2; 3])]) -> Option<(usize, usize)> {
     None
 }
 
-/// Where a level line enters and leaves a triangle.
+/// Returns the X coordinates at which a level line enters and leaves a triangle; `None` if it
+/// misses it.
 fn span(corners: [DVec2; 3], y: f64) -> Option<(f64, f64)> {
     let mut span: Option<(f64, f64)> = None;
     for i in 0..3 {

@@ -34,16 +34,16 @@ use super::{pfm, png_image};
 
 pub use region::RegionFrustum;
 
-/// What an archive holds, after its files were written.
+/// The content of an archive, after its files were written.
 #[derive(Clone, Debug)]
 pub struct Imported {
-    /// Which profile.
+    /// The profile of the archive.
     pub profile: Profile,
     /// The pictures that the projectors show, in the order of the archive.
     pub buffers: Vec<ImportedBuffer>,
     /// The projectors, in the order of the archive.
     pub regions: Vec<ImportedRegion>,
-    /// What was assumed, for a person to check.
+    /// Assumptions that were made, for a person to check.
     pub notes: Vec<String>,
 }
 
@@ -80,9 +80,9 @@ pub struct ImportedRegion {
     pub part: (UVec2, UVec2),
     /// The frustum of profiles 3d and sl.
     pub pyramid: Option<RegionFrustum>,
-    /// Where the lens of profile sl is, in metres.
+    /// The position of the lens, of profile sl, in metres.
     pub position: DVec3,
-    /// What the warp's numbers are.
+    /// The space of the warp's coordinates.
     pub space: MapCoordinates,
     /// The warp map, a PFM, by its name in the folder; none of profile sl.
     pub warp: Option<String>,

@@ -21,7 +21,7 @@ use super::super::error::BakeError;
 use super::super::uri::shorten;
 use super::{foldover, text};
 
-/// What positions and UV of an OBJ are.
+/// The meaning of positions and UV in an OBJ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Roles {
     /// Points in metres, and places of a picture.
@@ -31,7 +31,7 @@ pub(super) enum Roles {
     Sgct,
 }
 
-/// What is read so far.
+/// The data that is read so far.
 #[derive(Default)]
 struct Reader {
     roles: Roles,

@@ -90,7 +90,7 @@ fn word<'a>(rest: &mut &'a [u8]) -> Option<&'a str> {
 }
 
 impl Pfm {
-    /// The same map, unlit where all three numbers are 0.
+    /// Returns the map in which pixels are unlit whose three numbers are 0; the third may be NaN.
     pub fn with_dark_zeros(mut self) -> Self {
         let is_zero = |value: &&mut Vec3| {
             value.x == 0.0 && value.y == 0.0 && (value.z == 0.0 || value.z.is_nan())
@@ -99,7 +99,7 @@ impl Pfm {
         self
     }
 
-    /// Whether the values are u and v: see the head of this file.
+    /// Returns whether the values are u and v: see the head of this file.
     pub fn is_uv(&self) -> bool {
         let mut lit = self.values.iter().filter(|v| v.x.is_finite() && v.y.is_finite());
         let in_square = |v: &Vec3| v.x.clamp(0.0, 1.0) == v.x && v.y.clamp(0.0, 1.0) == v.y;
@@ -162,7 +162,8 @@ impl Pfm {
     }
 }
 
-/// Whether no one measured this: usual numbers have such exponents when their bytes are swapped.
+/// Returns whether the number's bytes seem to be swapped: usual numbers then have exponents that no
+/// measured number has.
 fn is_swapped(number: f32) -> bool {
     let size = number.abs();
     size != 0.0 && !(1e-25..1e25).contains(&size)

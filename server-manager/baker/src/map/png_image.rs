@@ -23,11 +23,11 @@ pub(super) struct PngImage {
     pub size: UVec2,
     /// 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha.
     pub components: usize,
-    /// Of a component in the file, 1 to 16; fewer than 16 are spread over all of u16.
+    /// Bits of a component in the file, 1 to 16; fewer than 16 are spread over all of u16.
     pub bits: u8,
     /// Rows from the top.
     pub texels: Vec<u16>,
-    /// What the `gAMA` chunk says: stored = light^gamma. `None`: sRGB.
+    /// The exponent of the `gAMA` chunk: stored = light^gamma. `None` means sRGB.
     pub gamma: Option<f64>,
 }
 
@@ -86,8 +86,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<PngImage, BakeError> {
     Ok(PngImage { size, components, bits, texels, gamma })
 }
 
-/// Whether there is a `gAMA` chunk of 0 before the pixels: the decoder passes over it, and the
-/// picture would be taken for sRGB.
+/// Returns whether there is a `gAMA` chunk of 0 before the pixels: the decoder passes over it, and
+/// the picture would be taken for sRGB.
 fn has_zero_gamma(bytes: &[u8]) -> bool {
     const SIGNATURE_BYTES: usize = 8;
     const CHECKSUM_BYTES: usize = 4;

@@ -13,7 +13,7 @@ pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, &str)> {
     })
 }
 
-/// How a message calls a line.
+/// Returns the name of a line in messages.
 pub(super) fn place(line: usize) -> String {
     format!("line {line}")
 }

@@ -116,7 +116,7 @@ fn bar(origin: [f64; 3]) -> Builder {
     builder
 }
 
-/// Where glTF puts the bar at a time.
+/// Returns the bar's vertices at a time, as glTF defines them.
 fn bar_at(origin: [f64; 3], time_s: f64) -> Vec<DVec3> {
     let walked = DVec3::new(2.0 * time_s.clamp(0.0, 3.0), 0.0, 0.0);
     let lower = DAffine3::from_translation(DVec3::from(origin) + walked);

@@ -117,12 +117,12 @@ impl Builder {
         json.to_string()
     }
 
-    /// As JSON, with the buffer in a file.
+    /// Returns the file as JSON text, with the buffer in the file `uri`.
     pub(crate) fn gltf(&self, uri: &str) -> Vec<u8> {
         self.text(Some(uri)).into_bytes()
     }
 
-    /// As one binary file.
+    /// Returns the file as one binary file.
     pub(crate) fn glb(&self) -> Vec<u8> {
         glb(&self.text(None), &self.bin)
     }

@@ -1,4 +1,4 @@
-//! What a node's numbers become: the f64 that the text says, or a message that names their key.
+//! Numbers of nodes: they become the f64 that the text says, or a message that names their key.
 
 use glam::{DAffine3, DMat3, DVec3};
 

@@ -75,7 +75,7 @@ fn flat(values: &[[f64; 3]]) -> Vec<f32> {
     values.iter().flatten().map(|value| *value as f32).collect()
 }
 
-/// How joints and weights are written.
+/// The component type of joints and weights in the file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Form {
     Bytes,
@@ -133,7 +133,7 @@ fn skinned(origin: [f64; 3], form: Form) -> Builder {
     builder
 }
 
-/// Where glTF puts the four vertices: the weighted sum of joint · inverse bind.
+/// Returns the four vertices as glTF defines them: the weighted sum of joint · inverse bind.
 fn reference(origin: [f64; 3]) -> Vec<DVec3> {
     let mut world = IDENTITY;
     let mut joints = Vec::new();

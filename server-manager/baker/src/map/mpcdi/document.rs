@@ -18,24 +18,25 @@ const NODES_MAX: u32 = 1 << 18;
 /// Most projectors of an archive.
 const REGIONS_MAX: usize = 256;
 
-/// How far a region may reach out of its buffer: rounding in foreign programs.
+/// Maximum distance that a region may reach out of its buffer, as a share of the buffer: rounding
+/// in foreign programs.
 const PART_TOLERANCE: f64 = 1e-6;
 
-/// How far axes of a frame may be from unit vectors at right angles: five digits are usual.
+/// Maximum difference of a frame's axes from unit vectors at right angles: five digits are usual.
 const AXIS_TOLERANCE: f64 = 1e-3;
 
-/// What the text says.
+/// The content of `mpcdi.xml`.
 pub(super) struct Document {
     pub profile: Profile,
     pub buffers: Vec<Buffer>,
-    /// Of all buffers.
+    /// The regions of all buffers.
     pub regions: Vec<Region>,
 }
 
 /// A picture that projectors show parts of.
 #[derive(Clone, Debug)]
 pub struct Buffer {
-    /// As the text has it; may be empty.
+    /// The id in the text; may be empty.
     pub id: String,
     /// In pixels; where the text has none, what the regions make of it.
     pub size: UVec2,
@@ -47,11 +48,11 @@ pub(super) struct Region {
     /// Its place in the list of buffers.
     pub buffer: usize,
     pub size: UVec2,
-    /// Of the buffer, 0 to 1, from its lower left.
+    /// The lower left corner of its part of the buffer, 0 to 1, from the buffer's lower left.
     pub origin: DVec2,
     pub extent: DVec2,
     pub pyramid: Option<RegionFrustum>,
-    /// Of its lens, in the unit of its points: right, up and back.
+    /// The position of its lens, in the unit of its points: right, up and back.
     pub position: Option<DVec3>,
     pub files: Files,
 }
@@ -204,9 +205,9 @@ fn region(
     Ok(Region { id, buffer: 0, size, origin, extent, pyramid, position, files })
 }
 
-/// Where a lens is: right, up and back of what the file measures from. The three axes of the frame
-/// are those of an aircraft, in the coordinates of the position: yaw points down, pitch to the
-/// right and roll ahead; *MPCDI 2.0*, §2.2.2 and figure 2-2.
+/// Returns the position of a lens from the origin of the file's coordinates: right, up and back.
+/// The three axes of the frame are those of an aircraft, in the coordinates of the position: yaw
+/// points down, pitch to the right and roll ahead; *MPCDI 2.0*, §2.2.2 and figure 2-2.
 fn position(node: Node<'_, '_>, id: &str) -> Result<DVec3, BakeError> {
     let place = format!("{} coordinateFrame", place(id));
     let vector = |name: &str| {
@@ -319,7 +320,8 @@ fn mask_file(node: Node<'_, '_>, place: &str) -> Result<MaskFile, BakeError> {
     })
 }
 
-/// What the text says of the buffer, or what the regions make of it.
+/// Returns the size of the buffer in pixels: the one in the text or, without it, the one that the
+/// regions imply.
 fn buffer_size(node: Node<'_, '_>, regions: &[Region]) -> Result<UVec2, BakeError> {
     let given = |name: &str| finite(attribute(node, name)?).filter(|side| *side >= 1.0);
     let whole = |region: &Region| region.size.as_dvec2() / region.extent;
@@ -347,7 +349,7 @@ impl Document {
     }
 }
 
-/// How a message calls a region.
+/// Returns the name of a region in messages.
 pub(super) fn place(id: &str) -> String {
     format!("region '{}'", shorten(id))
 }

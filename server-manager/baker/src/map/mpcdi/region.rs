@@ -15,7 +15,7 @@ use super::document::{Document, MaskFile, Region, WarpFile, place};
 /// negative somewhere.
 const OFFSET_MAX: f64 = 0.25;
 
-/// As places, offsets cover less of the region than this.
+/// Maximum share of the region that offsets, taken as places, cover.
 const OFFSET_AREA_MAX: f64 = 0.03;
 
 /// The viewing pyramid of a region of profile 3d.
@@ -47,7 +47,7 @@ pub(super) struct RegionMaps {
     pub warp: Option<WarpMap>,
     pub alpha: Option<Mask>,
     pub beta: Option<Mask>,
-    /// Of its lens, in metres of display space.
+    /// The position of its lens, in metres of display space.
     pub position: DVec3,
 }
 
@@ -87,7 +87,7 @@ pub(super) fn read(
     Ok(RegionMaps { warp, alpha, beta, position: lens(region, document.profile, notes)? })
 }
 
-/// Where the lens of a projector is, in metres.
+/// Returns the position of a projector's lens, in metres; the origin for profiles other than sl.
 fn lens(region: &Region, profile: Profile, notes: &mut Vec<String>) -> Result<DVec3, BakeError> {
     if profile != Profile::ShaderLamps {
         return Ok(DVec3::ZERO);
@@ -150,9 +150,10 @@ fn straight() -> Pfm {
     Pfm { size: UVec2::splat(2), components: 3, values }
 }
 
-/// Whether numbers are offsets and not places: as places, they would show as good as one point of
-/// the region, at its lower left corner or beyond it. By the plane through u and v over the
-/// pixels, in least squares: of a picture that is shown whole its determinant is about 1.
+/// Returns whether numbers are offsets and not places: as places, they would show little more than
+/// one point of the region, at its lower left corner or beyond it. Decided by the plane through u
+/// and v over the pixels, in least squares: of a picture that is shown whole its determinant is
+/// about 1.
 fn offsets(map: &Pfm) -> bool {
     let lit = map.values.iter().enumerate().filter(|(_, v)| v.x.is_finite() && v.y.is_finite());
     let at = |index: usize| {
@@ -200,7 +201,7 @@ fn check_plain(bytes: &[u8]) -> Result<(), BakeError> {
     Err(BakeError::at("pixels", what, right))
 }
 
-/// How many metres the unit has.
+/// Returns the number of metres in the unit.
 pub(super) fn metres_of(unit: &str, notes: &mut Vec<String>) -> Result<f64, BakeError> {
     Ok(match unit {
         "mm" => 0.001,
@@ -223,7 +224,8 @@ pub(super) fn metres_of(unit: &str, notes: &mut Vec<String>) -> Result<f64, Bake
     })
 }
 
-/// Where the origin of the points lies, seen from ours, which is the eye.
+/// Returns the origin of the points, measured from ours, which is the eye. It is always 0; a note
+/// says if the file has another origin.
 fn origin_of(file: &WarpFile, notes: &mut Vec<String>) -> Result<DVec3, BakeError> {
     let is = |name: &str| file.origin.eq_ignore_ascii_case(name);
     let where_it_is = match file.origin.as_str() {

@@ -43,7 +43,7 @@ pub(super) fn import(bytes: &[u8]) -> (MapFixture, Result<Imported, String>) {
     (place, imported.map_err(|error| error.to_string()))
 }
 
-/// What was written, through the reader of warp maps.
+/// Returns the space and the values of a written warp map, read back as any warp map is.
 pub(super) fn values(place: &MapFixture, file: Option<&String>) -> (MapCoordinates, Vec<Vec3>) {
     let file = file.expect("a warp");
     let bytes = std::fs::read(place.folder.path().join(file)).expect("written");
@@ -268,7 +268,7 @@ fn packed_zeros(bytes: u32) -> Vec<u8> {
     bits.chunks(8).map(byte).collect()
 }
 
-/// What would inflate to more than it may: by what it says, and where it lies about that.
+/// Entries that would inflate to more than they may: some state their size, others lie about it.
 #[test]
 fn bombs_end_before_they_are_memory() {
     let regions = halves(f32::NAN);

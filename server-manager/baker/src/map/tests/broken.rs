@@ -3,7 +3,7 @@
 use super::maps::{self, Png, png};
 use super::{MapFixture, MapUse, WARP};
 
-/// What is said of a file with this name and these bytes.
+/// Returns the error for a file with this name and these bytes.
 fn refusal(name: &str, used_as: MapUse, bytes: &[u8]) -> String {
     let line = MapFixture::new().bake(name, used_as, bytes).expect_err("refused");
     assert!(line.contains(name), "it names the file: {line}");
@@ -68,7 +68,7 @@ fn broken_obj_meshes() {
     says(&with("vt 2 0\nvt 2 1\nf 1/5 2/6 3/5\n"), &["covers any of the picture"]);
 }
 
-/// The same winding, but over each other: two sheets of one picture.
+/// Two sheets of one picture, one over the other, with the same winding.
 #[test]
 fn a_mesh_that_lies_over_itself() {
     let grid = maps::obj([8, 8], |u, v| ([u, v, 0.0], [u, v]));
@@ -79,7 +79,7 @@ fn a_mesh_that_lies_over_itself() {
     MapFixture::new().bake("m.obj", MapUse::ScreenMesh, grid.as_bytes()).expect("no fold");
 }
 
-/// What lies beside the picture is not drawn: it may be folded, turned over and far away.
+/// Parts of a mesh beside the picture are not drawn: they may be folded, turned over and far away.
 #[test]
 fn only_the_picture_is_checked_for_folds() {
     let grid = maps::obj([8, 8], |u, v| ([u, v, 0.0], [u * 1.5 - 0.25, v * 1.5 - 0.25]));

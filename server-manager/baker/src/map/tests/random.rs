@@ -20,7 +20,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-/// How far a covered pixel's point may be off, in pixels.
+/// Maximum error of a covered pixel's point, in pixels.
 const ERROR_MAX_PX: f64 = 0.1;
 
 /// Pixels from the rim of a mesh within which rounding decides what is lit.
@@ -29,7 +29,7 @@ const RIM_PX: f64 = 0.05;
 /// Pixels of a picture that are looked at, across and down.
 const LOOKS: u32 = 16;
 
-/// What is wrong with a mesh on purpose.
+/// A fault that a mesh has on purpose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fault {
     None,
