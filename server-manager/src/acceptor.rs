@@ -48,7 +48,7 @@ impl RejectionLog {
     }
 }
 
-/// What a stranger meets.
+/// The context of the accept loop: everything that a new connection needs.
 #[derive(Clone)]
 pub(crate) struct AcceptContext {
     pub refusals: RejectionLog,
@@ -56,7 +56,7 @@ pub(crate) struct AcceptContext {
     pub events: mpsc::Sender<Event>,
     pub pictures: mpsc::Sender<PictureOf>,
     pub queues: RequestQueues,
-    /// When the manager's clock began.
+    /// The start of the manager's clock.
     pub started: tokio::time::Instant,
     pub folder: BlobStore,
     pub allowed: BlobAllowlist,

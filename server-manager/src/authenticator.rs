@@ -8,7 +8,7 @@ use polyptych_tls::{Credentials, NodeIdentity};
 use polyptych_wall::Wall;
 use polyptych_wall::limits::NAME_BYTES_MAX;
 
-/// What the door holds peers against.
+/// The facts that peers are checked against.
 #[derive(Clone, Debug)]
 pub(crate) struct Authenticator {
     /// TLS for all connections, where there are any.
@@ -30,7 +30,7 @@ impl Authenticator {
     /// Checks that a peer is what it says; `knows_token` if it has proven to know the token.
     ///
     /// # Errors
-    /// What is wrong, and what would be right; to be told to the peer.
+    /// Says what is wrong, and what would be right; sent to the peer.
     pub fn authenticate(
         &self,
         hello: &Hello,

@@ -40,9 +40,9 @@ pub(crate) struct ServedBlobs {
     pub allowed: BlobAllowlist,
 }
 
-/// Which server's second connection it says to be, and who it has proven to be.
+/// The server that a second connection claims to belong to, and the identity that it has proven.
 pub(crate) struct BulkPeer {
-    /// With the session of the control connection.
+    /// The welcome, with the session of the control connection.
     pub welcome: Welcome,
     pub proven: Option<NodeIdentity>,
 }

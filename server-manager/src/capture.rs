@@ -19,15 +19,15 @@ use rayon::prelude::*;
 
 pub use geometry_cache::GeometryCache;
 
-/// What stands where no channel shows anything: bezels, and channels that sent no picture.
+/// The colour where no channel shows anything: bezels, and channels that sent no picture.
 const DARK: [u8; 4] = [12, 12, 12, 255];
 
 /// Most bytes of RGBA8 that captures may take which are on their way, together: one of twice an
 /// 8,192 × 8,192 wall, as screens and as channels.
 pub const CAPTURE_BYTES_MAX: u64 = 1 << 30;
 
-/// What the captures on their way take: a client that asks for many and reads none fills it, not
-/// the machine.
+/// The memory budget of captures on their way: a client that asks for many and reads none fills the
+/// budget, not the machine.
 #[derive(Clone, Debug, Default)]
 pub struct CaptureBudget(Arc<AtomicU64>);
 
@@ -42,7 +42,7 @@ impl CaptureBudget {
     /// Room for the pictures of a wall.
     ///
     /// # Errors
-    /// Where the wall is too large to be captured at once, or others take the room.
+    /// The wall is too large to be captured at once, or other captures take the room.
     pub fn reserve(&self, wall: &Wall) -> Result<BudgetGuard, String> {
         let pixels = |x: u32, y: u32| u64::from(x) * u64::from(y);
         let screens = (0..).zip(&wall.screens);
@@ -87,7 +87,7 @@ pub struct CaptureJob {
     /// Channels that will send none, with the reason.
     pub missing: Vec<(String, String)>,
     parts: Vec<ChannelImage>,
-    /// As the frame shows it.
+    /// The wall, tuned as the frame shows it.
     wall: Wall,
     shapes: GeometryCache,
     room: BudgetGuard,
@@ -142,7 +142,7 @@ impl CaptureJob {
     /// A piece has come. Pieces of other frames and pieces that don't fit are not taken.
     ///
     /// # Errors
-    /// What does not fit, where the sender is at fault.
+    /// Says what does not fit, if the sender is at fault.
     pub fn add(&mut self, chunk: &CaptureChunk) -> Result<(), String> {
         if chunk.frame != self.frame {
             return Ok(());
@@ -181,7 +181,7 @@ impl CaptureJob {
         }
     }
 
-    /// Whether nothing more is to come.
+    /// Returns whether no more pieces are to come.
     pub fn is_complete(&self) -> bool {
         self.parts.iter().all(|part| part.bytes.len() == part.bytes_total)
     }
@@ -222,7 +222,7 @@ impl CaptureJob {
     }
 }
 
-/// What one eye sees of a screen.
+/// Returns the picture that one eye sees of a screen.
 fn screen_picture(
     of: ResolvedWall<'_>,
     index: u16,

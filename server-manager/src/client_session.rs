@@ -25,7 +25,7 @@ pub(crate) struct Visitor {
     /// The manager's, for its welcome.
     pub proof: Proof,
     pub name: String,
-    /// Whether it is on the manager's machine.
+    /// `true` if it is on the manager's machine.
     pub is_local: bool,
 }
 

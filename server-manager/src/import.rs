@@ -31,14 +31,14 @@ const SILENCE_MAX: Duration = Duration::from_secs(5);
 /// Most of a baker's output that is read: a line, or its reason for failing.
 const BAKE_OUTPUT_BYTES_MAX: u64 = 64 << 10;
 
-/// How the manager starts the baker.
+/// The baker, as the manager starts it.
 #[derive(Clone, Debug)]
 pub struct Baker {
     /// The program; it is given `bake FILE -o DIR --json --memory-mib N`.
     pub program: PathBuf,
     /// Address space that it may use, in MiB.
     pub memory_mib: u64,
-    /// Where it writes.
+    /// The folder that it writes to.
     pub store: PathBuf,
 }
 
@@ -187,7 +187,8 @@ pub(crate) fn read_saved(
     Ok(import)
 }
 
-/// What the baker says of a file, which is a scene unless `options` say else.
+/// Runs the baker on a file, which is a scene unless `options` say otherwise. Gives its progress in
+/// percent to `tell`, and returns the JSON that it prints.
 async fn bake(
     file: &Path,
     baker: &Baker,

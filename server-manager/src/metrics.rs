@@ -29,19 +29,19 @@ const SCRAPES_MAX: usize = 8;
 /// Largest head of a request; Prometheus sends some 300 bytes. Hyper takes no smaller limit.
 const REQUEST_BYTES_MAX: usize = 8 << 10;
 
-/// How long a request's head may take to come.
+/// Maximum time for a request's head to come.
 const REQUEST_TIME_MAX: Duration = Duration::from_secs(5);
 
-/// How long the core may take to answer: it does in microseconds, or is flooded.
+/// Maximum time for the core to answer: it does in microseconds, or is flooded.
 const SNAPSHOT_TIME_MAX: Duration = Duration::from_secs(5);
 
-/// How long a connection lasts, slow readers included; as Prometheus waits at most by default.
+/// Maximum duration of a connection, slow readers included: Prometheus waits no longer by default.
 const CONNECTION_TIME_MAX: Duration = Duration::from_secs(10);
 
 /// Between two tries where the system gives no connection.
 const ACCEPT_WAIT: Duration = Duration::from_millis(100);
 
-/// What the manager knows when it is asked.
+/// The state of the manager when it is asked.
 #[derive(Debug)]
 pub(crate) struct MetricsSnapshot {
     pub snapshot: Snapshot,
@@ -50,7 +50,7 @@ pub(crate) struct MetricsSnapshot {
     pub bytes: [(&'static str, &'static str, u64); 4],
 }
 
-/// How full a queue is.
+/// The fill level of a queue.
 #[derive(Debug)]
 pub(crate) struct Queue {
     pub name: &'static str,

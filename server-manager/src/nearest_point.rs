@@ -1,4 +1,4 @@
-//! Which point of the open scene's triangles is nearest to a point: f64, in the world.
+//! The point of the open scene's triangles that is nearest to a given point: f64, in the world.
 
 use std::ops::ControlFlow;
 

@@ -1,4 +1,4 @@
-//! Which triangle of the open scene a ray meets first: f64, in the scene as it stands.
+//! The triangle of the open scene that a ray meets first: f64, in the scene as it stands.
 //!
 //! A ray is taken into the space of each mesh whose box it meets, the nearest box first, and there
 //! into a tree of its triangles, which is kept for the next ray.
@@ -91,8 +91,8 @@ fn local(ray: &Ray, world: &DAffine3) -> Ray {
     }
 }
 
-/// Where a ray enters a box, in lengths of its direction; 0 where it begins inside. `None` where it
-/// does not, or comes from a space that is flat.
+/// Returns the distance at which a ray enters a box, in lengths of its direction; 0 if it begins
+/// inside. `None` if it misses the box, or comes from a space that is flat.
 fn enters(ray: &Ray, bounds: &Bounds) -> Option<f64> {
     if !(ray.origin.is_finite() && ray.direction.is_finite()) {
         return None;
@@ -112,7 +112,8 @@ fn enters(ray: &Ray, bounds: &Bounds) -> Option<f64> {
     (begin <= end).then_some(begin)
 }
 
-/// Where a ray meets triangles first, in lengths of its direction, and the corners that it meets.
+/// Returns the distance at which a ray first meets a triangle, in lengths of its direction, and the
+/// corners of that triangle.
 fn first(triangles: &Triangles, ray: &Ray) -> Option<(f64, [DVec3; 3])> {
     let from = (ray.origin, ray.direction, 0.0);
     let corners = |triangle| triangles.corners(triangle);

@@ -56,12 +56,12 @@ impl RecordedCluster {
         done
     }
 
-    /// What is wrong with the recording, for an operator.
+    /// Returns a warning for an operator if the recording has failed.
     pub fn warning(&self) -> Option<String> {
         self.recorder.as_ref().and_then(Recorder::warning)
     }
 
-    /// What is to be done next.
+    /// Returns the next effect that is to be carried out.
     pub fn poll_effect(&mut self) -> Option<Effect> {
         self.outputs.pop_front()
     }

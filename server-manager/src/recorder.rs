@@ -46,7 +46,7 @@ pub enum Record<C = Checkpoint, I = Input> {
         /// What.
         input: I,
     },
-    /// What it decided on the last input; where this is missing, nothing.
+    /// The core's decision on the last input. Without this record it decided nothing.
     Decided(EffectDigest),
     /// The manager ended in order.
     End,
@@ -61,13 +61,13 @@ pub struct Segment<C = Checkpoint> {
     pub epoch: Epoch,
     /// The start of the manager, when its time is 0, in microseconds since 1970, UTC.
     pub started_unix_us: u64,
-    /// Whether every input since the segment before is in that one.
+    /// `true` if every input since the segment before is in that one.
     pub is_contiguous: bool,
-    /// Where the core stood.
+    /// The state of the core when the segment began.
     pub beginning: InitialState<C>,
 }
 
-/// Where a core stood before the first input.
+/// The state of a core before the first input.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub enum InitialState<C = Checkpoint> {
     /// It was new.
@@ -76,18 +76,18 @@ pub enum InitialState<C = Checkpoint> {
     Checkpoint(C),
 }
 
-/// What a core is made of.
+/// The parts of which a new core is made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ClusterConfig {
     /// The wall.
     pub wall: Wall,
     /// The life of the manager.
     pub epoch: Epoch,
-    /// What the life before had remembered.
+    /// The state that the manager before had persisted, if any.
     pub memory: Option<PersistentState>,
-    /// What is to be known of its scene to edit it.
+    /// The outline of its scene, which is needed to edit it.
     pub outline: Option<Arc<SceneOutline>>,
-    /// Whether the mouse over its windows moves the camera.
+    /// `true` if the mouse over its windows moves the camera.
     #[serde(default)]
     pub is_navigable: bool,
 }
@@ -161,12 +161,12 @@ impl Recorder {
         self.note(&Record::Input { now, input });
     }
 
-    /// What came of the last input.
+    /// Records the core's decision on the last input.
     pub(crate) fn decided(&mut self, decision: EffectDigest) {
         self.note(&Record::Decided(decision));
     }
 
-    /// What is wrong with the recording, for an operator.
+    /// Returns a warning for an operator if the recording has failed.
     pub(crate) fn warning(&self) -> Option<String> {
         self.buffer.failure()
     }

@@ -1,4 +1,4 @@
-//! Which nodes of the open scene are in a region: f64, by their triangles in the world.
+//! The nodes of the open scene in a region: f64, by their triangles in the world.
 
 use std::ops::ControlFlow;
 

@@ -15,7 +15,7 @@ use crate::recorder::ring::{RingError, RingReader};
 use crate::recorder::{InitialState, Record, Segment};
 pub use timeline::{Event, Summary};
 
-/// What came of a replay.
+/// The result of a replay.
 #[derive(Debug, Default, Serialize)]
 pub struct ReplayReport {
     /// Each stretch of inputs without a gap, in order: the life of a manager, or a part of one.
@@ -24,7 +24,7 @@ pub struct ReplayReport {
     pub inputs: u64,
     /// Inputs on which something was decided, and compared.
     pub decisions: u64,
-    /// How many of them were decided in another way.
+    /// Decisions and states that differ from the recorded ones.
     pub differences: u64,
     /// The first of those.
     pub first_difference: Option<Divergence>,
@@ -41,11 +41,11 @@ pub struct ReplayRun {
     pub epoch: String,
     /// The start of the manager, when its time is 0, in microseconds since 1970, UTC.
     pub started_unix_us: u64,
-    /// Whether it begins with the manager; otherwise with a checkpoint of it.
+    /// `true` if it begins with the manager; otherwise it begins with a checkpoint.
     pub is_from_start: bool,
-    /// Whether the manager ended in order; otherwise the recording breaks off.
+    /// `true` if the manager ended in order; otherwise the recording breaks off.
     pub has_end: bool,
-    /// What happened.
+    /// The summary of its inputs.
     #[serde(flatten)]
     pub summary: Summary,
 }
@@ -57,13 +57,13 @@ pub struct Divergence {
     pub part: usize,
     /// Manager time in seconds.
     pub at_s: f64,
-    /// Which input of the part, from 1.
+    /// The number of the input in the part, from 1.
     pub number: u64,
-    /// What the core was told.
+    /// The input, in words.
     pub input: String,
-    /// What was decided then.
+    /// The recorded decision, in words.
     pub recorded: String,
-    /// What is decided now.
+    /// The decision of this program, in words.
     pub replayed: String,
 }
 
@@ -77,7 +77,7 @@ struct Replayer {
     last: Option<PendingCheck>,
 }
 
-/// What the last input came to, until the recording has said what it should.
+/// The decision on the last input, until the recording has said what it should be.
 struct PendingCheck {
     now: Micros,
     input: Input,

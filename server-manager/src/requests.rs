@@ -16,7 +16,7 @@ use tokio::sync::{Notify, OwnedSemaphorePermit};
 /// Maximum size of the requests of one client that wait, in bytes on the wire.
 pub(crate) const REQUEST_BYTES_MAX: usize = polyptych_protocol::limits::CALL_BYTES_MAX;
 
-/// What a request takes at least of [`REQUEST_BYTES_MAX`]: the queue's own memory for it.
+/// Minimum share of [`REQUEST_BYTES_MAX`] that a request takes: the queue's own memory for it.
 pub(crate) const REQUEST_BYTES_MIN: usize = 128;
 
 /// The least share of a queued request of as much memory for all of those.
@@ -33,7 +33,7 @@ const TIME_PER_PERIOD: Micros = 3_000;
 /// or a tracker sends.
 const REQUESTS_PER_PERIOD: u32 = 32;
 
-/// What a client's connection says.
+/// A message of a client's connection.
 #[derive(Debug)]
 pub(crate) enum Asked {
     /// A request, and its share of [`REQUEST_BYTES_MAX`].
@@ -82,7 +82,7 @@ impl RequestQueues {
     }
 }
 
-/// Whose turn it is, and what is left of the budget.
+/// The order in which clients are served, and the rest of the budget.
 #[derive(Debug, Default)]
 pub(crate) struct Turns {
     queues: RequestQueues,
@@ -137,7 +137,7 @@ impl Turns {
         self.spent += time;
     }
 
-    /// When requests that wait may be served; `None` if none waits.
+    /// Returns the time at which requests that wait may be served; `None` if none waits.
     pub fn due(&self) -> Option<Micros> {
         let is_any = self.queues.lock().values().any(|queue| queue.front().is_some());
         is_any.then_some(self.period + PERIOD)

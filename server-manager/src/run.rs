@@ -60,28 +60,28 @@ const PICTURE_PIECES_MAX: usize = 8;
 /// Scenes that are baked at a time: each may take all cores, and the memory that a baker may.
 const BAKES_MAX: usize = 2;
 
-/// What a manager needs.
+/// The options of a manager.
 #[derive(Debug)]
 pub struct ManagerOptions {
     /// The wall that it drives; its files are baked: [`crate::import::bake_wall_files`].
     pub wall: Wall,
-    /// What every peer must know that comes in the clear.
+    /// The token that every peer without TLS must know.
     pub token: String,
     /// The manager's folder of keys: with it every connection is TLS, and a certificate stands
     /// for the token.
     pub keys: Option<PathBuf>,
     /// Folders from which scenes may be opened.
     pub scene_roots: Vec<PathBuf>,
-    /// How scenes are baked, and where to.
+    /// The baker of scenes, with the folder of its store.
     pub baker: Baker,
     /// The file in which the open scene and the camera are remembered over a restart; `None` for
     /// a wall that begins afresh each time.
     pub memory: Option<PathBuf>,
-    /// Whether the mouse over a window of a server moves the wall's camera.
+    /// `true` if the mouse over a window of a server moves the wall's camera.
     pub is_navigable: bool,
-    /// Where all that the core is told is recorded, if anywhere.
+    /// The recorder of all that the core is told, if there is one.
     pub recorder: Option<Recorder>,
-    /// Where metrics are read over HTTP, if anywhere.
+    /// The listener on which metrics are read over HTTP, if there is one.
     pub metrics: Option<std::net::TcpListener>,
     /// The second transport, if there is one.
     pub http: Option<HttpOptions>,
@@ -99,7 +99,7 @@ pub enum ManagerError {
     /// A file of its wall was not baked.
     #[error("the wall's file {0} was not baked")]
     WallFile(String),
-    /// What it would remember in is another's.
+    /// The path of its state file is taken by something else.
     #[error("{0}")]
     State(String),
     /// The listening socket failed.
@@ -194,7 +194,7 @@ struct EventLoop {
     baked_assets: (mpsc::Sender<BakedRequest>, mpsc::Receiver<BakedRequest>),
     /// Requests whose files are being baked.
     asset_bakes: Vec<ClientRequest>,
-    /// What bakers say of their progress.
+    /// The progress that bakers report.
     progress: (mpsc::Sender<Baking>, mpsc::Receiver<Baking>),
     queries: Queries,
     scene_store: Option<saving::SharedStore>,
@@ -209,7 +209,7 @@ struct EventLoop {
     next_session: u64,
     servers: BTreeMap<SessionId, ServerHandle>,
     clients: BTreeMap<SessionId, ClientSeat>,
-    /// What clients ask.
+    /// The requests of clients.
     turns: Turns,
     /// Pieces of pictures that servers send.
     pictures_of_servers: (mpsc::Sender<PictureOf>, mpsc::Receiver<PictureOf>),
@@ -222,7 +222,7 @@ struct EventLoop {
     stopping: Option<Stopping>,
 }
 
-/// What a client has stopped.
+/// The processes that a client has asked to stop.
 #[derive(Clone, Copy, Debug)]
 enum Stopping {
     Manager,

@@ -1,8 +1,8 @@
 //! A render server's control connection.
 //!
-//! What the core sends goes straight to the socket where nothing waits before it: waking a task
-//! for each of 64 servers would cost more than the barrier itself. Over TLS the writer's task
-//! encrypts, and all goes through it.
+//! Messages of the core go straight to the socket if nothing waits before them: waking a task for
+//! each of 64 servers would cost more than the barrier itself. Over TLS the writer's task encrypts,
+//! and all goes through it.
 
 use std::io::ErrorKind;
 use std::net::SocketAddr;
@@ -52,7 +52,7 @@ struct DirectWriter {
     /// Messages that are in the outbox or partly written. While there are any, the writer alone
     /// writes.
     waiting: AtomicUsize,
-    /// When its last message came, in microseconds of the manager's clock.
+    /// The time at which its last message came, in microseconds of the manager's clock.
     heard: AtomicU64,
 }
 
@@ -61,7 +61,7 @@ struct DirectWriter {
 struct Ears<'a> {
     session: SessionId,
     events: &'a mpsc::Sender<Event>,
-    /// When the manager's clock began.
+    /// The start of the manager's clock.
     started: Instant,
 }
 
@@ -91,7 +91,8 @@ impl ServerHandle {
         self.outbox.try_send(rest).is_ok()
     }
 
-    /// When its last message came, in microseconds of the manager's clock; 0 before the first.
+    /// Returns the time at which its last message came, in microseconds of the manager's clock; 0
+    /// before the first.
     pub fn heard(&self) -> Micros {
         self.lane.heard.load(Ordering::Relaxed)
     }
@@ -101,7 +102,7 @@ impl ServerHandle {
         &self.server
     }
 
-    /// Whether a peer that has proven this may open the second connection of this server.
+    /// Returns whether a peer that has proven this may open the second connection of this server.
     pub fn is_of(&self, proven: Option<&NodeIdentity>) -> bool {
         // In the clear everyone with the token is as good as everyone else.
         proven.is_none_or(|proven| *proven == NodeIdentity::Server(self.server.clone()))
@@ -151,7 +152,8 @@ async fn write_rest(
     }
 }
 
-/// The same over TLS, where nobody else writes.
+/// Writes what is in the outbox over TLS, where only this task writes, until the connection is
+/// closed from one side; then what is left, as far as the peer takes it in [`DRAIN_TIME_MAX`].
 async fn write_encrypted(
     mut half: WriteHalf<Box<dyn DuplexBytes>>,
     mut outbox: mpsc::Receiver<Bytes>,
@@ -192,7 +194,7 @@ async fn drained(close: &CancellationToken) {
     tokio::time::sleep(DRAIN_TIME_MAX).await;
 }
 
-/// What is to be written next; `None` once the outbox is empty and the connection closed.
+/// Returns the next message to write; `None` once the outbox is empty and the connection closed.
 async fn next(outbox: &mut mpsc::Receiver<Bytes>, close: &CancellationToken) -> Option<Bytes> {
     tokio::select! {
         biased;
@@ -307,7 +309,7 @@ const CLOSED: &str = "the manager closed the connection";
 /// Tells the core what the server says, until there is no more to hear; says why.
 ///
 /// # Errors
-/// What the server did that it must not.
+/// Says what the server did that it must not.
 async fn hear(
     read_half: impl AsyncRead + Unpin,
     codec: LengthDelimitedCodec,

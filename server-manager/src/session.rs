@@ -1,4 +1,4 @@
-//! What all connections have in common: an outbox with a limit, and a way to the core.
+//! Parts that all connections have in common: an outbox with a limit, and a way to the core.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -26,10 +26,10 @@ pub(crate) const OUTBOX_MESSAGES_MAX: usize = 512;
 /// Most events that wait for the core: it handles one in microseconds.
 pub(crate) const EVENTS_MAX: usize = 1024;
 
-/// How long a closed connection may still send what waits for it.
+/// Maximum time in which a closed connection may still send what waits for it.
 pub(crate) const DRAIN_TIME_MAX: Duration = Duration::from_millis(300);
 
-/// What connections tell the core.
+/// An event that a connection sends to the event loop.
 #[derive(Debug)]
 pub(crate) enum Event {
     ServerJoins {
@@ -45,7 +45,7 @@ pub(crate) enum Event {
     },
     ClientJoins {
         name: String,
-        /// Whether it is on the manager's machine.
+        /// `true` if it is on the manager's machine.
         is_local: bool,
         link: ClientHandle,
         verdict: oneshot::Sender<Result<Welcome, String>>,
@@ -54,7 +54,7 @@ pub(crate) enum Event {
         session: SessionId,
         /// Over TLS: a bulk connection is for the server that opened it.
         proven: Option<NodeIdentity>,
-        /// What ends it, where it may begin.
+        /// Gets the token that ends it, if it may begin.
         is_known: oneshot::Sender<Option<CancellationToken>>,
     },
     Watched {
@@ -72,8 +72,8 @@ pub(crate) enum Event {
 /// Pieces of pictures that wait to be sent to one client, each of at most a mebibyte.
 const PIECES_MAX: usize = 2;
 
-/// How long a client may take none of the bytes that wait for it. One that stands still for
-/// longer is let go: what waits for it is held here meanwhile.
+/// Maximum time in which a client may take none of the bytes that wait for it. A client that stands
+/// still for longer is disconnected: the manager holds these bytes meanwhile.
 const STALL_TIME_MAX: Duration = Duration::from_secs(10);
 
 /// Maximum size of the answers that wait for one client, in bytes, while it is served: its further
@@ -87,7 +87,8 @@ pub(crate) const ANSWER_BYTES_MAX: usize = 256 << 10;
 #[derive(Clone, Debug)]
 pub(crate) struct ClientHandle {
     pub outbox: mpsc::Sender<Bytes>,
-    /// What is sent where the outbox is empty: pictures, and the answers that follow them.
+    /// Messages that are sent while the outbox is empty: pictures, and the answers that follow
+    /// them.
     pub pieces: mpsc::Sender<Bytes>,
     /// Closes the connection after what is in the outbox.
     pub close: CancellationToken,
@@ -95,7 +96,7 @@ pub(crate) struct ClientHandle {
     unread: Arc<AtomicUsize>,
 }
 
-/// What waits to be sent to a client.
+/// The messages that wait to be sent to a client.
 #[derive(Debug)]
 pub(crate) struct OutboxReceiver {
     outbox: mpsc::Receiver<Bytes>,

@@ -1,4 +1,4 @@
-//! What a manager remembers over a restart: a small file that is there whole or not at all.
+//! The state that a manager keeps over a restart: a small file that is there whole or not at all.
 //!
 //! ```text
 //! PLYPSTA4 | BLAKE3 of what follows, 32 bytes | encoded wall without paths | encoded Memory
@@ -26,10 +26,11 @@ pub(crate) use reconcile::{Reconciled, reconcile};
 /// A wall fits into a message, tuned or not.
 const MEMORY_BYTES_MAX: u64 = 2 * MESSAGE_BYTES_MAX as u64;
 
-/// How the file begins: one that begins otherwise is another program's, and is not written over.
+/// The first bytes of a file of this version.
 const MAGIC: [u8; 8] = *b"PLYPSTA4";
 
-/// How files of all versions begin.
+/// The first bytes of files of all versions: a file that begins otherwise is another program's, and
+/// is not written over.
 const MAGIC_OF_ALL: [u8; 7] = *b"PLYPSTA";
 
 /// The content of a state file.
@@ -49,10 +50,10 @@ pub(crate) struct StateFile {
     wall: Vec<u8>,
 }
 
-/// Whether this may be the file of a manager, or become it.
+/// Checks that this may be the file of a manager, or become it.
 ///
 /// # Errors
-/// What stands there instead.
+/// Says what is there instead.
 pub(crate) fn check_writable(path: &Path) -> Result<(), String> {
     let foreign = |what: &str| {
         let path = path.display();
@@ -72,7 +73,7 @@ pub(crate) fn check_writable(path: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// What was remembered in this file, or `None` where there is none, or nothing of use: a manager
+/// Returns the content of this file; `None` if there is no file, or nothing of use in it: a manager
 /// that begins afresh is better than one that does not begin.
 pub(crate) fn load(path: &Path) -> Option<Saved> {
     let warn = |reason: &dyn std::fmt::Display| {
@@ -120,7 +121,7 @@ impl StateFile {
         Self { path, wall: polyptych_codec::encode(&wall.without_paths()).to_vec() }
     }
 
-    /// Where it is.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }

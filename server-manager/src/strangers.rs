@@ -70,8 +70,8 @@ impl Strangers {
 }
 
 impl State {
-    /// Of addresses that are not known before those that are; silent before those that have
-    /// spoken; of the address with most of them; the oldest.
+    /// Ends one connection: of addresses that are not known before those that are; silent before
+    /// those that have spoken; of the address with most of them; the oldest.
     fn make_room(&mut self) {
         let mut shares = BTreeMap::<IpAddr, usize>::new();
         for stranger in self.waiting.values() {

@@ -1,4 +1,4 @@
-//! What the files of the manager's wall make of it, read when a capture needs it first.
+//! The geometry that files give the manager's wall, read when a capture first needs it.
 
 use std::sync::{Arc, OnceLock};
 

@@ -1,4 +1,5 @@
-//! What many browsers watch together: the status, feedback, what happens in words, and previews.
+//! Events that many browsers watch together: the status, feedback, happenings in words, and
+//! previews.
 //!
 //! One client of the event loop asks for the status, and one for pictures, however many browsers
 //! watch; without any, both are silent.
@@ -52,7 +53,7 @@ struct Shared {
     manager: mpsc::Sender<Event>,
     queues: RequestQueues,
     events: broadcast::Sender<Arc<LiveEvent>>,
-    /// Whether somebody asks for the status at present.
+    /// `true` while a task asks for the status.
     is_watching: Mutex<bool>,
     feedback_wishes: AtomicUsize,
     previews: tokio::sync::Mutex<Previews>,
@@ -66,7 +67,7 @@ struct Previews {
 
 /// Pictures that several browsers are given.
 struct Preview {
-    /// When it was asked for.
+    /// The time at which it was asked for.
     began: Instant,
     picture: Picture,
     forms: Mutex<Vec<(PictureFormat, u32, EncodedPicture)>>,

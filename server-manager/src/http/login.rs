@@ -69,7 +69,7 @@ pub fn nonce() -> Result<String, String> {
 /// Logins on their way.
 #[derive(Debug, Default)]
 pub(super) struct Logins {
-    /// When each began, and the numbers of both ends.
+    /// The start of each challenge, and the numbers of the manager and the client.
     challenges: Vec<(Instant, String, String)>,
     codes: Vec<(Instant, String)>,
 }

@@ -9,7 +9,7 @@ use super::JpegEncoder;
 /// Form of a picture's bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum PictureFormat {
-    /// Of all bits.
+    /// Lossless.
     Png,
     /// Small and quick.
     Jpeg,

@@ -19,7 +19,7 @@ use super::resources;
 /// The path before all routes.
 pub(super) const BASE: &str = "/api/v1";
 
-/// What the manager warns of, such as that a change is not kept over a restart.
+/// The header with a warning of the manager, such as that a change is not kept over a restart.
 const WARNING: HeaderName = HeaderName::from_static("polyptych-warning");
 
 /// A route.

@@ -10,13 +10,13 @@ use polyptych_wall::{CalibrationFileKind, Wall};
 
 use super::{Baker, bake};
 
-/// How far apart shapes of channels may be that one Bourke mesh serves.
+/// Maximum difference between the width-to-height ratios of channels that share a Bourke mesh.
 const ASPECT_TOLERANCE: f64 = 1e-3;
 
-/// Has every file of a wall read by the baker, one after the other, and notes their blobs in the
-/// wall; returns what may not be meant. `folder` is the wall file's, from which paths begin.
-/// Whether a file has changed since another start is not asked: its blob has the name of what is in
-/// it now.
+/// Has the baker read every file of a wall, one after the other, and stores their blobs in the
+/// wall. Returns warnings about what may not be meant. `folder` is the wall file's, from which
+/// paths begin. Files are read at every start: the name of a blob is that of the file's present
+/// content.
 ///
 /// # Errors
 /// One line: the key that names the file in the wall file, the file, what is wrong with it and
@@ -69,7 +69,7 @@ pub fn read_wall_files(wall: &Wall, blobs: &BlobStore) -> Result<CalibrationMaps
     })
 }
 
-/// How the baker is told what a file is.
+/// Returns the options that tell the baker what a file is.
 fn options(wall: &Wall, index: usize) -> Vec<String> {
     let used_as = match wall.files[index].kind {
         CalibrationFileKind::Warp

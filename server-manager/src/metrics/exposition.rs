@@ -15,7 +15,7 @@ use prometheus_client::registry::{Registry, Unit};
 
 use super::MetricsSnapshot;
 
-/// What HTTP calls this format.
+/// The media type of this format.
 pub(super) const CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
 /// All states in words, as `status --json` has them.

@@ -15,7 +15,7 @@ fn cast_twice(stage: &Stage, ray: Ray) -> Option<RayHit> {
     hit
 }
 
-/// How far along a ray the nearest triangle is, by looking at each.
+/// Returns the distance along a ray to the nearest triangle, by looking at each.
 fn nearest(stage: &Stage, ray: &Ray) -> Option<f64> {
     let along = |(_, [a, b, c]): (NodeId, [DVec3; 3])| {
         let normal = (b - a).cross(c - a);

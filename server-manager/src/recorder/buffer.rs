@@ -1,4 +1,4 @@
-//! What was recorded and is not on the disk yet. The core's thread never waits for the disk.
+//! Records that are not on the disk yet. The core's thread never waits for the disk.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -38,7 +38,7 @@ struct State {
     segment: u64,
     /// Bytes of the present segment, heads included.
     segment_bytes: u64,
-    /// Whether an input was left out since the segment began.
+    /// `true` if a record was left out since the segment began.
     has_lost: bool,
     /// The record that is being added; kept for its memory.
     record: Vec<u8>,
@@ -67,7 +67,8 @@ impl Buffer {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether a new segment should begin; if so, whether nothing was left out before it.
+    /// Returns `None` if no new segment should begin yet; otherwise whether nothing was left out
+    /// before it.
     pub fn wants_segment(&self) -> Option<bool> {
         let state = self.lock();
         if state.has_lost {
@@ -76,7 +77,7 @@ impl Buffer {
         (state.segment_bytes + SEGMENT_MARGIN > self.segment_bytes_max).then_some(true)
     }
 
-    /// What follows belongs to a new segment.
+    /// Begins a new segment, to which all that follows belongs.
     pub fn begin_segment(&self) {
         let mut state = self.lock();
         state.segment = state.segment.wrapping_add(1);

@@ -1,4 +1,4 @@
-//! What the core decided on one input, as short as it can be compared.
+//! Digests of the core's decisions, to compare them.
 
 use polyptych_core::Effect;
 use polyptych_files::blob::BlobHash;
@@ -9,17 +9,18 @@ use serde::{Deserialize, Serialize};
 /// Outputs of one input that are listed; more are only in the digest.
 const KINDS_MAX: usize = 32;
 
-/// What came of one input.
+/// A digest of the effects of one input.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EffectDigest {
     /// A letter for each output, for a person who looks for a difference.
     pub kinds: String,
-    /// Of all outputs, in order.
+    /// The digest of all outputs, in order.
     pub digest: u64,
 }
 
 impl EffectDigest {
-    /// What these outputs come to, and a refusal, where a server was refused; `None` for nothing.
+    /// Returns the digest of these outputs and of the refusal, if a server was refused; `None` if
+    /// there is neither.
     ///
     /// Measurements are left out: what was measured before a checkpoint is not in it.
     pub fn from_effects<'a>(
@@ -47,7 +48,7 @@ impl EffectDigest {
         Some(Self { kinds, digest })
     }
 
-    /// What its letters stand for.
+    /// Returns the meaning of its letters, in words.
     pub fn describe(&self) -> String {
         let word = |kind| match kind {
             'c' => "a command",
@@ -108,7 +109,7 @@ fn describe(output: &Effect) -> (char, Vec<u8>) {
     }
 }
 
-/// What the core decided about a frame.
+/// Returns what the core decided about a frame.
 fn frame(feedback: &FrameFeedback) -> impl Serialize {
     let states: Vec<_> = feedback.channels.iter().map(|c| (c.state, c.draw_us)).collect();
     (feedback.frame, feedback.revision, feedback.frame_us, states)

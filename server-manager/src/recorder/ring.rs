@@ -21,7 +21,7 @@ use polyptych_protocol::limits::PROTOCOL_VERSION;
 
 use super::Record;
 
-/// Of the layout above. That of the records changes with the protocol and the program.
+/// The version of the layout above. That of the records changes with the protocol and the program.
 const FORMAT: u16 = 1;
 
 const MAGIC: [u8; 8] = *b"PLYPREC\0";
@@ -86,9 +86,9 @@ pub enum RingError {
     Malformed {
         /// The file.
         path: PathBuf,
-        /// Which segment.
+        /// The number of the segment.
         segment: u64,
-        /// What the decoder says.
+        /// The decoder's reason.
         reason: String,
     },
 }
@@ -112,7 +112,7 @@ impl Ring {
         Self::open_with(path, SEGMENT_BYTES_MAX)
     }
 
-    /// As [`Ring::open`]; a new file has slots of this size.
+    /// Opens a file as [`Ring::open`] does; a new file has slots of this size.
     pub(super) fn open_with(path: &Path, segment_bytes: u64) -> Result<Self, RingError> {
         let failed = |source| RingError::Io { path: path.to_owned(), source };
         // Opening a FIFO or a device does something to it.
@@ -200,7 +200,7 @@ pub struct RingReader {
     segments: Vec<u64>,
 }
 
-/// Whether anything was told in a segment; also where it cannot be read, which is kept.
+/// Returns whether a segment has any input; `true` also if it cannot be read, so that it is kept.
 fn has_inputs(file: &File, path: &Path, segment_bytes: u64, segment: u64) -> bool {
     let Ok(file) = file.try_clone() else { return true };
     let path = path.to_owned();

@@ -16,14 +16,14 @@ use super::tell;
 use crate::recorder::ring::RingReader;
 use crate::recorder::{InitialState, Record};
 
-/// Of the lines below.
+/// The version of the text's format.
 const FORMAT: u32 = 1;
 
 /// Largest file that is read: what is kept for a test is a few seconds of a wall.
 const INCIDENT_BYTES_MAX: u64 = 64 << 20;
 
-/// How long the core may take over what is still open when nobody says anything any more, in
-/// manager time: 64 changes wait for two minutes each at most.
+/// Maximum time for the core to finish what is still open after the last input, in manager time: 64
+/// changes wait for two minutes each at most.
 const SETTLE_TIME_MAX: Micros = 3 * 3600 * 1_000_000;
 
 /// Timeouts in a row at one moment, after which a core never comes to rest.
@@ -44,21 +44,21 @@ struct IncidentHeader {
 pub struct IncidentEntry {
     /// Manager time in microseconds.
     pub now: Micros,
-    /// What the core is told.
+    /// The input of the core.
     pub input: Input,
 }
 
-/// What a core was told, from somewhere on.
+/// The inputs of a core, from some state on.
 #[derive(Debug)]
 pub struct Incident {
     head: IncidentHeader,
     lines: Vec<IncidentEntry>,
 }
 
-/// Which stretch of a recording.
+/// A stretch of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct TimeRange {
-    /// Which part, from 1; the last one where `None`.
+    /// The number of the part, from 1; `None` for the last one.
     pub part: Option<usize>,
     /// From this manager time on, in seconds.
     pub from_s: Option<f64>,
@@ -66,7 +66,7 @@ pub struct TimeRange {
     pub to_s: Option<f64>,
 }
 
-/// What a core did when it was told an incident.
+/// The work of a core that was given an incident, in numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Checked {
     /// Inputs that it was told.
@@ -99,8 +99,8 @@ impl Incident {
         Ok(Self { head, lines })
     }
 
-    /// As text, and how many inputs text cannot hold, such as numbers that are none; the core
-    /// refuses those anyway.
+    /// Returns the incident as text, and the number of inputs that text cannot hold, such as those
+    /// with NaN; the core refuses those anyway.
     ///
     /// # Errors
     /// The beginning can't be written as text.
@@ -149,7 +149,7 @@ impl Incident {
         Ok(Self { lines: lines.collect::<Result<_, _>>()?, head })
     }
 
-    /// What it is about.
+    /// Returns its description.
     pub fn description(&self) -> &str {
         &self.head.about
     }
@@ -161,7 +161,7 @@ impl Incident {
     /// that every request of a client that stays is answered.
     ///
     /// # Errors
-    /// What does not hold, when, and on which input.
+    /// Says what does not hold, when, and on which input.
     pub fn check(self) -> Result<Checked, String> {
         let is_from_start = matches!(self.head.beginning, InitialState::Fresh(_));
         let cluster = self.head.beginning.into_cluster();

@@ -1,4 +1,5 @@
-//! What must hold whatever the core is told; it stays true when the core is changed on purpose.
+//! Invariants that hold whatever the core is told; they stay true when the core is changed on
+//! purpose.
 
 use std::collections::BTreeSet;
 
@@ -21,7 +22,7 @@ use crate::replay::words;
 #[derive(Debug)]
 pub struct Invariants {
     what: String,
-    /// Whether the first input is the first of the manager's life: otherwise older requests may
+    /// `true` if the first input is the first of the manager's life: otherwise older requests may
     /// be answered, and an older frame swapped.
     is_from_start: bool,
     begun: Option<Begun>,
@@ -53,7 +54,7 @@ impl Invariants {
         &self.open
     }
 
-    /// When the frame on its way began.
+    /// Returns the frame on its way, and the time at which it began.
     pub fn frame_began(&self) -> Option<(FrameId, Micros)> {
         self.begun.as_ref().map(|begun| (begun.frame, begun.at))
     }
@@ -61,7 +62,7 @@ impl Invariants {
     /// The core was told this, and decided that.
     ///
     /// # Errors
-    /// Which invariant is broken, where and by what.
+    /// Says which invariant is broken, where and by what.
     pub fn observe(
         &mut self,
         now: Micros,

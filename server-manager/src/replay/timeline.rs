@@ -1,4 +1,4 @@
-//! What happened, for a person: who came and went, who was late, what was asked and refused.
+//! Events for a person to read: who came and went, who was late, what was asked and refused.
 
 use std::collections::BTreeMap;
 
@@ -24,7 +24,7 @@ pub struct Event {
     pub text: String,
 }
 
-/// What happened in a stretch of inputs.
+/// A summary of a stretch of inputs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
     /// Manager time of the first input, in seconds.
@@ -35,7 +35,7 @@ pub struct Summary {
     pub frames: u64,
     /// The longest time from a frame command to its swap.
     pub longest_frame_ms: f64,
-    /// When that frame was swapped.
+    /// Manager time at which that frame was swapped, in seconds.
     pub longest_frame_at_s: f64,
     /// Deadlines that each channel has missed in all, by name.
     pub late: BTreeMap<String, u64>,
@@ -226,7 +226,7 @@ impl Timeline {
     }
 }
 
-/// What clients ask all the time.
+/// Returns whether clients send such requests all the time.
 fn is_everyday(request: &Request) -> bool {
     matches!(
         request,

@@ -1,4 +1,4 @@
-//! What a manager was told, in plain words.
+//! Inputs of the core in plain words.
 
 use polyptych_core::Input;
 use polyptych_protocol::environment::EnvironmentSource;

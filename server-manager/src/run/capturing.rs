@@ -1,4 +1,4 @@
-//! What the hub does for captures: collects the pictures of servers, and has them stitched.
+//! The event loop's part in captures: collects the pictures of servers, and has them stitched.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use super::EventLoop;
 use crate::capture::CaptureJob;
 use crate::capture_sender;
 
-/// How long a capture waits for its pictures, once the frame was swapped.
+/// Maximum time that a capture waits for its pictures, from the beginning of its frame.
 const CAPTURE_TIME_MAX: Duration = Duration::from_secs(30);
 
 impl EventLoop {

@@ -1,4 +1,4 @@
-//! What the hub does for clients: lets them in, serves their requests in turn, and answers.
+//! The event loop's work for clients: lets them in, serves their requests in turn, and answers.
 
 use polyptych_core::{ClientRequest, Input, Micros, SessionId};
 use polyptych_protocol::command::Goodbye;

@@ -20,7 +20,7 @@ use crate::{assets, environment};
 /// Most requests of one client whose files are being baked.
 const ASSET_BAKES_MAX: usize = 16;
 
-/// How far the bake has come that a client waits for.
+/// A request that waits for a bake, and the progress of that bake.
 pub(super) type Baking = (ClientRequest, OpenProgress);
 
 /// A scene that was saved.

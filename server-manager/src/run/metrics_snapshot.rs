@@ -1,4 +1,4 @@
-//! What the hub tells those who watch.
+//! The event loop's answer to a request for metrics.
 
 use tokio::sync::mpsc;
 

@@ -1,4 +1,4 @@
-//! How a manager ends: everyone is told why.
+//! The end of a manager: all peers are told why.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;

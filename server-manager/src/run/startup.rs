@@ -1,4 +1,4 @@
-//! How a core begins: afresh, or from what the last manager of its wall remembered.
+//! The start of a core: afresh, or from the state that the last manager of its wall persisted.
 
 use polyptych_core::PersistentState;
 use polyptych_files::blob::BlobStore;

@@ -23,14 +23,14 @@ const RETRY_WAIT: Duration = Duration::from_secs(1);
 /// Maximum time that the end of a manager waits for the disk.
 const END_TIME_MAX: Duration = Duration::from_secs(1);
 
-/// What is to be kept: only the last is.
+/// The last state that is to be kept; it replaces the ones before.
 #[derive(Debug, Default)]
 struct Slot {
     next: Option<(u64, PersistentState)>,
     is_over: bool,
 }
 
-/// How far the thread has come.
+/// The progress of the thread.
 #[derive(Clone, Debug, Default)]
 struct Progress {
     /// The last state that was tried.
@@ -63,7 +63,7 @@ pub(crate) struct Keeper {
     /// Since when a state waits for the disk.
     behind_since: Option<Instant>,
     held: VecDeque<Held>,
-    /// Whether trouble with the disk was logged.
+    /// `true` if trouble with the disk was logged, and its end was not yet.
     is_told: bool,
 }
 
@@ -149,7 +149,7 @@ impl Keeper {
         }
     }
 
-    /// When the next answer has waited long enough.
+    /// Returns the time at which the next answer has waited long enough, if any waits.
     pub fn due(&self) -> Option<Instant> {
         self.held.front().map(|held| held.since + HOLD_TIME_MAX)
     }
@@ -197,7 +197,7 @@ impl Keeper {
         }
     }
 
-    /// What clients should know of the disk, if anything.
+    /// Returns a warning about the disk for clients, if there is one.
     pub fn warning(&self) -> Option<String> {
         self.warning_at(Instant::now())
     }

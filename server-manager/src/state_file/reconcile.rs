@@ -1,4 +1,4 @@
-//! What a state file says, made valid for the wall file as it is now.
+//! The state of a state file, made valid for the wall file as it is now.
 //!
 //! ```text
 //! saved wall + state, new wall -> state of the new wall, what changed, what was dropped
@@ -21,9 +21,9 @@ pub(crate) struct Reconciled {
     pub memory: PersistentState,
     /// The keys of the wall file that have changed.
     pub changes: Vec<KeyChange>,
-    /// What became of the tunings.
+    /// The tunings that were carried over, and those that were not.
     pub tunings: CarriedOver,
-    /// What else was dropped: what it is, and why.
+    /// The other parts that were dropped: the name and the reason of each.
     pub dropped: Vec<(String, String)>,
 }
 

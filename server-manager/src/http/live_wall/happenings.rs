@@ -1,4 +1,4 @@
-//! What happens on the wall, in words: the differences between one status and the next.
+//! Happenings on the wall, in words: the differences between one status and the next.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! What is about the connection: any request, events, the description, and logging in.
+//! Resources of the connection: any request, events, the description, and logging in.
 
 use hyper::{Response, StatusCode};
 use polyptych_protocol::request::Request;
