@@ -59,8 +59,11 @@ pub(crate) fn check_writable(path: &Path) -> Result<(), String> {
         let path = path.display();
         Err(format!("{path}: {what}, not a state file of a manager; name another or remove it"))
     };
-    if path.is_dir() {
-        return foreign("a folder");
+    match fs::metadata(path) {
+        Ok(facts) if facts.is_dir() => return foreign("a folder"),
+        // Opening a pipe waits for its writer.
+        Ok(facts) if !facts.is_file() => return foreign("a pipe or a device"),
+        Ok(_) | Err(_) => {}
     }
     let mut begin = Vec::new();
     let read = fs::File::open(path).and_then(|file| file.take(8).read_to_end(&mut begin));
@@ -263,7 +266,10 @@ mod tests {
         assert_eq!((load(&path), check_writable(&path)), (None, Ok(())));
         let foreign = folder.path().join("wall.toml");
         fs::write(&foreign, "[wall]").expect("written");
-        for path in [folder.path(), &foreign] {
+        let pipe = folder.path().join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status().expect("mkfifo");
+        assert!(made.success());
+        for path in [folder.path(), &foreign, &pipe] {
             assert!(check_writable(path).is_err_and(|reason| reason.contains("name another")));
         }
     }

@@ -59,6 +59,7 @@ impl EffectDigest {
             'l' => "a server let go",
             'r' => "something to remember",
             's' => "the end",
+            'S' => "the end of servers",
             'x' => "a refusal",
             _ => "something unknown",
         };

@@ -118,8 +118,8 @@ fn warp(
     let has_unit = !["", "2d"].contains(&file.unit.as_str());
     if document.profile == Profile::ThreeD && has_unit && !map.is_uv() {
         let metres = metres_of(&file.unit, notes)?;
-        let origin = origin_of(file, notes)?;
-        let convert = |value: Vec3| (value.as_dvec3() * metres + origin).as_vec3();
+        note_origin(file, notes)?;
+        let convert = |value: Vec3| (value.as_dvec3() * metres).as_vec3();
         return map.map(MapCoordinates::Display, convert);
     }
     if offsets(&map) {
@@ -224,23 +224,25 @@ pub(super) fn metres_of(unit: &str, notes: &mut Vec<String>) -> Result<f64, Bake
     })
 }
 
-/// Returns the origin of the points, measured from ours, which is the eye. It is always 0; a note
-/// says if the file has another origin.
-fn origin_of(file: &WarpFile, notes: &mut Vec<String>) -> Result<DVec3, BakeError> {
+/// Adds a note if the points of a warp are measured from elsewhere than the eye, our origin.
+///
+/// # Errors
+/// `originOf3DData` is none of the names that MPCDI has.
+fn note_origin(file: &WarpFile, notes: &mut Vec<String>) -> Result<(), BakeError> {
     let is = |name: &str| file.origin.eq_ignore_ascii_case(name);
-    let where_it_is = match file.origin.as_str() {
-        _ if is("idealEyePoint") => return Ok(DVec3::ZERO),
+    let origin = match file.origin.as_str() {
+        _ if is("idealEyePoint") => return Ok(()),
         _ if is("centerOfMass") => "in the middle of the surface",
         _ if is("floorCenter") => "on the floor",
-        _ if is("") || is("unkown") || is("unknown") => "nobody knows where",
+        _ if is("") || is("unkown") || is("unknown") => "not known",
         other => {
             let what = format!("it is '{}'", shorten(other));
             let right = "idealEyePoint, centerOfMass or floorCenter would be right";
             return Err(BakeError::at("originOf3DData", what, right));
         }
     };
-    notes.push(format!("the origin of the points is {where_it_is}: set the eye of the wall"));
-    Ok(DVec3::ZERO)
+    notes.push(format!("the origin of the points is {origin}: set the eye of the wall"));
+    Ok(())
 }
 
 /// A mask of any size: it is stretched over the region; *MPCDI 2.0*, §3.7.
