@@ -1,4 +1,4 @@
-//! What stands between a scene's light and a display: where its pixels lie, and what they make of
+//! The correction between a scene's light and a display: the positions of its pixels and their
 //! codes. Plain data; `pass/correct.rs` draws with it.
 //!
 //! ```text
@@ -15,15 +15,15 @@ use polyptych_wall::{Orientation, StereoPacking, TransferFunction};
 /// All that a channel's picture goes through on its way to the display.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CorrectionDesc {
-    /// Of the upright picture of one eye, in pixels.
+    /// The size of one eye's upright picture, in pixels.
     pub upright: [u32; 2],
-    /// How the display hangs.
+    /// The orientation of the display.
     pub turn: Orientation,
     /// Left and right of each eye's picture are exchanged, before anything is packed or turned.
     pub is_mirrored: bool,
-    /// How two eyes share the display.
+    /// The layout of the two eyes' pictures on the display.
     pub packing: StereoPacking,
-    /// Where the upright picture's pixels lie; without it, they are the source's pixels.
+    /// The positions of the upright picture's pixels; `None`: they are the source's pixels.
     pub warp: Option<Arc<WarpMesh>>,
     /// Blend weights, masks and black level.
     pub light_map: Option<Arc<BlendMapDesc>>,
@@ -34,11 +34,11 @@ pub struct CorrectionDesc {
     /// A number of the channel's own: noise of ± half a code, another on every channel, goes onto
     /// the codes before they are rounded.
     pub dither: Option<u32>,
-    /// Whether the display has 1,024 codes and not 256.
+    /// `true` if the display has 1,024 codes, `false` if it has 256.
     pub is_fine: bool,
 }
 
-/// What linear light is multiplied by, and what is added to it, at each pixel.
+/// Factors and addends of linear light for each pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlendMapDesc {
     /// Row by row from the upper left of the upright picture: factor and addend in 1/65,535 of
@@ -46,9 +46,9 @@ pub struct BlendMapDesc {
     /// projectors' weights keeps 1/4096 eight times over. Once for all colours, or for red, then
     /// all for green, then all for blue.
     pub texels: Vec<[u16; 2]>,
-    /// What a factor of 65,535 stands for.
+    /// The value that a factor of 65,535 represents.
     pub multiply: f64,
-    /// What an addend of 65,535 stands for, in red, green and blue.
+    /// The values that an addend of 65,535 represents, in red, green and blue.
     pub add: DVec3,
 }
 
@@ -86,9 +86,9 @@ pub enum CorrectionError {
     /// Not a texel for each pixel.
     #[error("the light map has {found} texels, where the picture has {wanted}")]
     LightMap {
-        /// How many there are.
+        /// The number of texels in the map.
         found: usize,
-        /// How many there should be.
+        /// The number of texels needed: one for each pixel of the picture.
         wanted: usize,
     },
     /// A curve that does not rise, or a matrix that is not finite.
@@ -171,7 +171,7 @@ impl CorrectionDesc {
         }
     }
 
-    /// What is wrong with it, if anything.
+    /// Returns the first fault of the description; `None` if it is valid.
     pub(crate) fn fault(&self) -> Option<CorrectionError> {
         if !self.color.is_finite() {
             return Some(CorrectionError::Color("the matrix is not finite"));

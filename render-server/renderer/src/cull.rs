@@ -1,4 +1,4 @@
-//! Which boxes a channel's rectangle can show, decided in f64 and on the safe side.
+//! Frustum culling of boxes against a channel's rectangle, in f64 and on the safe side.
 
 use glam::{DMat3, DMat4, DVec3, DVec4};
 
@@ -51,7 +51,7 @@ impl FrustumPlanes {
         self.eye
     }
 
-    /// The same planes in the space of an item: points `p` there stand at `origin + linear · p`
+    /// Returns these planes in the space of an item, whose points `p` lie at `origin + linear · p`
     /// in the world.
     pub fn in_space_of(&self, linear: &DMat3, origin: DVec3) -> Self {
         let offset = origin - self.eye;
@@ -111,7 +111,8 @@ mod tests {
         DMat4::from_cols(DVec4::X, DVec4::Y, -DVec4::W, DVec4::Z * near)
     }
 
-    /// Whether any of many points of the box lies within the rectangle and before the near plane.
+    /// Returns whether any of 343 points of the box lies within the rectangle and before the near
+    /// plane.
     fn any_point_shows(b: &Bounds, eye: DVec3, clip: &DMat4, r: [f64; 4]) -> bool {
         let steps = |i: usize| i as f64 / 6.0;
         let mut points = (0..343).map(|i| {

@@ -1,7 +1,7 @@
-//! What is drawn and in which order: a function of the scene and the eye, never of the channel.
+//! The draws of a view and their order: a function of the scene and the eye, never of the channel.
 //!
-//! What a channel does not see is left out, but never reorders what stays. So where two surfaces
-//! have one depth, the same one wins in every channel.
+//! Culling for a channel leaves draws out, but never reorders the others. So if two surfaces have
+//! one depth, the same one wins in every channel.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -39,7 +39,7 @@ pub(crate) struct Draw {
     pub ordered: bool,
 }
 
-/// What one view draws.
+/// The draws of one view.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct DrawList {
     /// Pixels of the target that the view may touch: x, y, width, height.

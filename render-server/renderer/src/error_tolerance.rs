@@ -1,5 +1,5 @@
-//! Which errors of levels of detail a view may draw: a function of the scene, of the point between
-//! the viewer's eyes and of the allowed error, never of the channel.
+//! The errors of levels of detail that a view may draw: a function of the scene, of the point
+//! between the viewer's eyes and of the allowed error, never of the channel.
 //!
 //! All is decided in f64 and by the same steps for the same numbers, so that all meshlets of a
 //! group, both eyes and all channels come to one answer.

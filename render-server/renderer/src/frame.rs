@@ -54,7 +54,7 @@ pub use submission::Submission;
 /// 240 on the GPU. Views multiply a scene: this is twice the largest, or one for two eyes.
 const RECORDS_MAX: usize = 4 << 20;
 
-/// What frames need again and again.
+/// Buffers, bind group layouts and passes that are reused from frame to frame.
 #[derive(Debug)]
 pub(crate) struct FrameResources {
     uniforms: FrameBuffer,

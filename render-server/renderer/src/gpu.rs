@@ -19,14 +19,14 @@ pub enum GpuError {
     /// The driver refused to make a device.
     #[error("{adapter} refused to open: {reason}")]
     Device {
-        /// Which adapter.
+        /// The adapter's name.
         adapter: String,
         /// In the driver's words.
         reason: String,
     },
 }
 
-/// What there is to know about an adapter, as reports give it.
+/// Facts about an adapter, for reports.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterInfo {
     /// For example "llvmpipe (LLVM 15.0.6, 256 bits)".
@@ -61,13 +61,13 @@ pub struct Gpu {
 /// Why a device can not be used any more.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GpuFault {
-    /// What must be done about it.
+    /// The remedy.
     pub kind: GpuFaultKind,
     /// In the driver's words.
     pub reason: String,
 }
 
-/// What must be done about a fault of a device, beside opening another one.
+/// The remedy for a fault of a device, beside opening another one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GpuFaultKind {
     /// Nothing: its driver was reset, or refused a call.
@@ -186,7 +186,7 @@ impl Gpu {
         });
     }
 
-    /// What there is to know about the adapter.
+    /// Returns facts about the adapter.
     pub fn info(&self) -> AdapterInfo {
         let info = self.adapter.get_info();
         AdapterInfo {
@@ -199,7 +199,7 @@ impl Gpu {
         }
     }
 
-    /// Whether a texture can be written as sRGB and as plain bytes; GL cannot.
+    /// Returns whether a texture can be written as sRGB and as plain bytes; `false` with GL.
     pub(crate) fn views_other_formats(&self) -> bool {
         let flags = self.adapter.get_downlevel_capabilities().flags;
         flags.contains(wgpu::DownlevelFlags::VIEW_FORMATS)

@@ -84,9 +84,9 @@ pub enum DrawError {
     /// A view cannot be drawn.
     #[error("view {index}: {reason}")]
     View {
-        /// Which of the views.
+        /// The index of the view among those of the call.
         index: usize,
-        /// What is wrong.
+        /// The fault of the view.
         reason: String,
     },
     /// The sky's colour could not be found.
@@ -97,10 +97,10 @@ pub enum DrawError {
     Gpu(String),
 }
 
-/// What a frame took.
+/// Counts and times of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DrawStats {
-    /// Of all visible items.
+    /// The triangles of all visible items.
     pub triangles: u64,
     /// Encoded.
     pub draw_calls: u32,
@@ -215,7 +215,7 @@ impl Renderer {
         self.prepare_for(gpu, scene, ImageEncoding::Srgb);
     }
 
-    /// As [`Self::prepare`], for targets of this content.
+    /// Prepares as [`Self::prepare`] does, for targets of this content.
     pub fn prepare_for(&mut self, gpu: &Gpu, scene: &GpuScene, content: ImageEncoding) {
         let environment = scene.environment.is_some();
         let (tone, fog) = (self.tone, self.fog.is_some());

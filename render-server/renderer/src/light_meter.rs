@@ -25,7 +25,7 @@ impl Renderer {
     /// first view's exposure counts as that.
     ///
     /// # Errors
-    /// As [`Self::draw`].
+    /// Those of [`Self::draw`].
     pub fn luminances(
         &mut self,
         gpu: &Gpu,

@@ -1,5 +1,5 @@
-//! Which boxes lie behind opaque surfaces at all pixels that they may touch, decided in f64 and on
-//! the safe side.
+//! Occlusion culling: finds boxes that lie behind opaque surfaces at all pixels that they may
+//! touch, in f64 and on the safe side.
 //!
 //! The depths of what was drawn are reduced to the farthest one of each cell of pixels, and those
 //! to the farthest of ever larger squares, as in Greene, Kass and Miller, "Hierarchical Z-Buffer
@@ -11,7 +11,7 @@ use super::pass::occluder::CELL_SIDE;
 use super::scene::Bounds;
 use super::view::ViewDesc;
 
-/// When items that others hide are left out, which changes no pixel.
+/// The frames in which items that others hide are left out, which changes no pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OcclusionCulling {
     /// Never.
@@ -31,7 +31,8 @@ const PIXEL_MARGIN: f64 = 2.0;
 /// fragment is off by less, also on triangles that are seen edge-on.
 const DEPTH_MARGIN: f64 = 1.0 / 1024.0;
 
-/// The same for parallel rays, whose depth goes from 0 to 1 and is rounded in proportion to 1.
+/// The additional depth by which a box must be farther if rays are parallel: their depth goes from
+/// 0 to 1 and is rounded in proportion to 1.
 const PARALLEL_DEPTH_MARGIN: f64 = 1e-5;
 
 /// Cells along each side of a rectangle of which each is looked at; of larger ones, larger squares.

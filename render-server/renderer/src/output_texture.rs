@@ -9,7 +9,7 @@ pub(crate) const CODES_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8U
 /// Codes of ten bits.
 pub const FINE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgb10a2Unorm;
 
-/// What the pixels of a picture hold.
+/// The encoding of a picture's pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ImageEncoding {
     /// RGBA8 as sRGB, drawn in linear light: what a display gets.
@@ -99,7 +99,7 @@ impl OutputTexture {
         self.size
     }
 
-    /// What its pixels hold.
+    /// Returns the encoding of its pixels.
     pub fn content(&self) -> ImageEncoding {
         self.content
     }

@@ -13,7 +13,7 @@ use super::scene::ExtensionFeatures;
 use super::shader::{self, Interface};
 use super::target::{DEPTH_FORMAT, DISPLAY_FORMAT, LINEAR_FORMAT};
 
-/// How alpha is used.
+/// The alpha mode of a material.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Alpha {
     Opaque,
@@ -21,7 +21,7 @@ pub(crate) enum Alpha {
     Blend,
 }
 
-/// Where a texture's coordinates come from. The numbers stand in `include/material.wgsl`.
+/// The source of a texture's coordinates. The numbers stand in `include/material.wgsl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum TextureSlot {
     #[default]
@@ -32,7 +32,7 @@ pub(crate) enum TextureSlot {
     Corner = 3,
 }
 
-/// What a material asks of its pipeline.
+/// The features of a material that its pipeline must have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct MaterialFeatures {
     pub alpha: Alpha,
@@ -50,7 +50,7 @@ pub(crate) struct MaterialFeatures {
     pub extensions: ExtensionFeatures,
 }
 
-/// Which faces are left out.
+/// The faces that are left out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Cull {
     Nothing,
@@ -92,7 +92,7 @@ pub(crate) struct PipelineVariant {
 /// A pipeline of a key: float target, tone mapper, environment, fog.
 type Built = (bool, ToneMapper, bool, bool);
 
-/// What of the bindings a pipeline has beside those of all.
+/// The optional bindings of a pipeline, beside those that all have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct LayoutKey {
     has_environment: bool,
@@ -207,7 +207,7 @@ pub(crate) struct InstanceRecord {
     pub lamps: [u32; 2],
     /// Subtracted from positions first; see `relative_to`.
     pub near: [f32; 3],
-    /// Where `near` stands in clip space.
+    /// The position of `near` in clip space.
     pub clip_offset: [f32; 4],
 }
 
@@ -359,7 +359,8 @@ fn pipeline_layout(gpu: &Gpu, of: LayoutKey) -> wgpu::PipelineLayout {
     })
 }
 
-/// Whether the scene is drawn into a float texture: what is tone-mapped later always is.
+/// Returns whether the scene is drawn into a float texture: light that is tone-mapped later always
+/// is.
 fn is_float(key: &PipelineKey, content: ImageEncoding) -> bool {
     key.linear || content.format() == LINEAR_FORMAT
 }

@@ -18,7 +18,7 @@ pub fn read_pixels(gpu: &Gpu, target: &Target) -> Result<Vec<u8>, ReadError> {
     read_picture(gpu, target.picture())
 }
 
-/// As [`read_pixels`], of any picture; codes of ten bits are rounded to eight.
+/// Reads any picture as [`read_pixels`] does; codes of ten bits are rounded to eight.
 ///
 /// # Errors
 /// The GPU is lost or out of memory.

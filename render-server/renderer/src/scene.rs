@@ -69,7 +69,7 @@ pub(crate) struct Batch {
     pub layer: u64,
     /// Around all items as they were laid out, visible or not.
     pub bounds: Bounds,
-    /// Of one item.
+    /// The number of triangles of one item.
     pub triangles: u64,
 }
 
@@ -221,7 +221,8 @@ impl GpuScene {
         self.content_bytes
     }
 
-    /// Whether anything in it is blended or transmits light; its targets are linear then.
+    /// Returns whether anything in it is blended or transmits light; its targets must then be
+    /// linear.
     pub fn has_transparency(&self) -> bool {
         self.layout.blends
     }

@@ -30,11 +30,11 @@ const ENVIRONMENT_LIGHT: &str = include_str!("include/environment_light.wgsl");
 const TONE: &str = include_str!("include/tone.wgsl");
 const SCREEN: &str = include_str!("include/screen.wgsl");
 
-/// What goes from the vertices through to the fragments. Override constants cannot take away an
-/// attribute, and each costs time per vertex and per triangle, so these select lines of text.
+/// The data that vertices pass to fragments. Override constants cannot take away an attribute, and
+/// each costs time per vertex and per triangle, so these select lines of text.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct Interface {
-    /// Which attributes are read; may be fewer than the vertices have.
+    /// The attributes that are read; may be fewer than the vertices have.
     pub attributes: VertexLayout,
     /// Positions and normals are needed for light.
     pub lit: bool,
@@ -48,7 +48,7 @@ pub(crate) struct Interface {
     pub environment: bool,
     /// Fog lies between the eye and what it sees.
     pub fog: bool,
-    /// What extensions add to the material.
+    /// The extensions of the material.
     pub extensions: ExtensionSet,
 }
 

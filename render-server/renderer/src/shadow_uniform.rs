@@ -1,4 +1,4 @@
-//! What the shaders read of the maps of directional lights.
+//! The uniform of the shadow maps of directional lights.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;

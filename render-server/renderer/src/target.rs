@@ -1,4 +1,4 @@
-//! What a channel is drawn into.
+//! The textures that a channel is drawn into.
 
 use super::frame::OcclusionMemory;
 use super::gpu::Gpu;
@@ -59,10 +59,11 @@ impl Target {
         Self::with_encoding(gpu, size, samples, linear, ImageEncoding::Srgb)
     }
 
-    /// As [`Self::new`], for pictures of this content: of light, where they are to be corrected.
+    /// Creates a target as [`Self::new`] does, for pictures of this content: light, if they are to
+    /// be corrected.
     ///
     /// # Errors
-    /// As there.
+    /// Those of [`Self::new`].
     pub fn with_encoding(
         gpu: &Gpu,
         size: [u32; 2],
@@ -118,7 +119,7 @@ impl Target {
         self.samples
     }
 
-    /// Whether it holds light before tone mapping, as a scene that blends needs.
+    /// Returns whether it holds light before tone mapping, as a scene that blends needs.
     pub fn is_linear(&self) -> bool {
         self.linear.is_some()
     }
@@ -144,7 +145,7 @@ impl Target {
         gpu.queue.submit([encoder.finish()]);
     }
 
-    /// What its finished picture holds.
+    /// Returns the encoding of its finished picture.
     pub fn content(&self) -> ImageEncoding {
         self.display.content()
     }
@@ -172,7 +173,8 @@ impl Target {
         &self.depth
     }
 
-    /// Where the scene is drawn, and what it is resolved to.
+    /// Returns the texture that the scene is drawn into, and the one that it is resolved to, if
+    /// any.
     pub(crate) fn scene(&self) -> (&wgpu::TextureView, Option<&wgpu::TextureView>) {
         let single = self.linear.as_ref().unwrap_or(self.display.view());
         match &self.multisampled {

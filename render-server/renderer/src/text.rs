@@ -40,13 +40,13 @@ impl Text {
         (text.width() > 0 && text.height() > 0).then_some(text)
     }
 
-    /// Of the longest line, in pixels.
+    /// Returns the width of the longest line, in pixels.
     pub fn width(&self) -> u32 {
         let longest = self.lines.iter().map(|line| line.chars().count()).max().unwrap_or(0);
         longest as u32 * self.letter_width()
     }
 
-    /// Of all lines, in pixels.
+    /// Returns the height of all lines, in pixels.
     pub fn height(&self) -> u32 {
         self.lines.len() as u32 * self.line_height()
     }

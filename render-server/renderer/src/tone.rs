@@ -3,7 +3,7 @@
 use glam::Vec3;
 use polyptych_scene::ToneMapper;
 
-/// What a float target can hold.
+/// The maximum value of a float target.
 pub(crate) const LIGHT_MAX: f32 = 60000.0;
 
 /// Linear display light of exposed scene light.

@@ -1,4 +1,4 @@
-//! What one picture is seen through, and what of it the shaders read.
+//! The camera of one picture, and the part of it that the shaders read.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
@@ -34,8 +34,8 @@ const FOG_LOG_MAX: f64 = 9000.0;
 pub struct ViewDesc {
     /// In world space.
     pub eye_in_world: DVec3,
-    /// What is sorted is sorted by the distance to this point: the middle of both eyes, so that
-    /// they agree on what lies over what.
+    /// The middle of both eyes. Sorting is by the distance to this point, so that both eyes agree
+    /// on the order.
     pub middle_eye_in_world: DVec3,
     /// Applied to `p − eye`; a rotation, or one with a uniform scale.
     pub view_from_world: DMat3,
@@ -145,9 +145,9 @@ impl ViewDesc {
         self.clip_from_view * DMat4::from_mat3(self.view_from_world)
     }
 
-    /// The same as the shaders have it: times a factor, which changes no picture, that makes the
-    /// numerator of depth, near over distance, a power of two. Then only the division rounds
-    /// depth, and no product.
+    /// Returns the clip matrix as the shaders have it: times a factor, which changes no picture,
+    /// that makes the numerator of depth, near over distance, a power of two. Then only the
+    /// division rounds depth, and no product.
     pub(crate) fn scaled_clip_from_eye(&self) -> DMat4 {
         let near = self.clip_from_view.w_axis.z;
         let is_scaled = near.is_normal() && near > 0.0;
@@ -155,7 +155,7 @@ impl ViewDesc {
         self.clip_from_eye() * scale
     }
 
-    /// Whether all rays are parallel, instead of meeting in the eye.
+    /// Returns whether all rays are parallel, instead of meeting in the eye.
     pub(crate) fn is_parallel(&self) -> bool {
         self.clip_from_view.row(3) == DVec4::W
     }
@@ -165,8 +165,9 @@ impl ViewDesc {
         -self.view_from_world.row(2).normalize_or(DVec3::Z)
     }
 
-    /// How far a box is, for the order of drawing: by its centre, or by its nearest point. Squared
-    /// where rays meet in an eye; of parallel rays the depth, which may be negative.
+    /// Returns the distance of a box for the order of drawing, to its centre or to its nearest
+    /// point. The distance to an eye is squared; for parallel rays it is the depth, which may be
+    /// negative.
     pub(crate) fn sort_depth(&self, of: &Bounds, by_nearest: bool) -> f64 {
         if self.is_parallel() {
             let forward = self.forward();
@@ -190,10 +191,10 @@ impl ViewDesc {
         }
     }
 
-    /// The same view with a depth that holds all of the scene behind the near plane, where rays
-    /// are parallel: the eye moves along them to where the scene begins, so that f32 has the
-    /// scene's own size to resolve and not its distance. The smallest step in depth is then the
-    /// scene's extent along the rays × 2⁻²⁴, 0.6 mm of 10 km, and finer towards the far end.
+    /// Returns this view with a depth range fitted to the scene behind the near plane, if rays are
+    /// parallel. The eye moves along them to where the scene begins, so that f32 has the scene's
+    /// own size to resolve and not its distance. The smallest step in depth is then the scene's
+    /// extent along the rays × 2⁻²⁴, 0.6 mm of 10 km, and finer towards the far end.
     pub(crate) fn with_fitted_depth(&self, scene: &Bounds) -> Self {
         if !self.is_parallel() {
             return self.clone();
@@ -272,7 +273,8 @@ impl ViewDesc {
         FrustumPlanes::new(self.eye_in_world, &self.clip_from_eye(), [left, bottom, right, top])
     }
 
-    /// Where a world point falls, in pixels of the target; `None` at or behind the near plane.
+    /// Returns the position of a world point in pixels of the target; `None` at or behind the near
+    /// plane.
     pub(crate) fn project(&self, clip_from_eye: &DMat4, point: DVec3) -> Option<[f64; 2]> {
         let clip = *clip_from_eye * (point - self.eye_in_world).extend(1.0);
         if !(clip.w > 0.0 && clip.z < clip.w) {
@@ -283,7 +285,8 @@ impl ViewDesc {
         Some([vx + (ndc.x + 1.0) * 0.5 * vw, vy + (1.0 - ndc.y) * 0.5 * vh])
     }
 
-    /// What is wrong with this view, if anything. `side_max` is the adapter's largest texture.
+    /// Returns the first fault of this view; `None` if it is valid. `side_max` is the adapter's
+    /// largest texture.
     pub(crate) fn fault(&self, side_max: u32) -> Option<String> {
         let finite = self.eye_in_world.is_finite()
             && self.view_from_world.is_finite()

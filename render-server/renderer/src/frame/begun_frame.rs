@@ -43,7 +43,7 @@ pub struct BegunFrame {
 }
 
 impl BegunFrame {
-    /// The same as light before tone mapping, with nothing where nothing is drawn.
+    /// Returns this frame as light before tone mapping, 0 where nothing is drawn.
     pub(crate) fn of_light(self) -> Self {
         Self { sky: Vec3::ZERO, is_light: true, ..self }
     }

@@ -92,7 +92,7 @@ impl Correction {
     /// Takes a description to the GPU.
     ///
     /// # Errors
-    /// What is wrong with the description.
+    /// The description is invalid; the error says why.
     pub fn new(gpu: &Gpu, desc: CorrectionDesc) -> Result<Self, CorrectionError> {
         Self::after(gpu, desc, None)
     }
@@ -101,7 +101,7 @@ impl Correction {
     /// the same GPU, and all that was compiled, is shared with it.
     ///
     /// # Errors
-    /// What is wrong with the description.
+    /// The description is invalid; the error says why.
     pub fn after(
         gpu: &Gpu,
         desc: CorrectionDesc,
@@ -142,7 +142,7 @@ impl Correction {
         self.desc.display_size()
     }
 
-    /// What its pictures hold.
+    /// Returns the encoding of its pictures.
     pub fn content(&self) -> ImageEncoding {
         if self.desc.is_fine { ImageEncoding::FineCodes } else { ImageEncoding::Codes }
     }
@@ -155,7 +155,7 @@ impl Correction {
     /// The pixels of a mesh, to be drawn over others of this correction ([`Self::draw_overlay`]).
     ///
     /// # Errors
-    /// What is wrong with the mesh, or that the correction resamples nothing.
+    /// The mesh is invalid, or the correction resamples nothing.
     pub fn shape(&self, gpu: &Gpu, warp: &WarpMesh) -> Result<CorrectionMesh, CorrectionError> {
         if self.desc.warp.is_none() {
             return Err(CorrectionError::Source("a correction without a warp has one shape"));
@@ -183,7 +183,8 @@ impl Correction {
         self.draw_shape(gpu, None, source.as_ref(), (eyes, taps), onto)
     }
 
-    /// As [`Self::draw`], of the pixels of a shape of this correction only: the others stay.
+    /// Draws as [`Self::draw`] does, but only the pixels of a shape of this correction: the others
+    /// stay.
     ///
     /// # Errors
     /// Those of [`Self::draw`].
@@ -406,7 +407,7 @@ fn light_map(gpu: &Gpu, desc: &CorrectionDesc) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor { dimension, ..Default::default() })
 }
 
-/// What is wrong with a description on this adapter, if anything.
+/// Validates a description for this adapter.
 fn check(gpu: &Gpu, desc: &CorrectionDesc) -> Result<(), CorrectionError> {
     let [width, height] = desc.display_size();
     let side_max = gpu.device.limits().max_texture_dimension_2d;

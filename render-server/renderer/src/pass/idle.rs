@@ -7,11 +7,11 @@ use crate::output_texture::OutputTexture;
 use crate::text::{BACKGROUND, Text};
 
 const FRAME: Rgba<u8> = Rgba([242, 140, 40, 255]);
-/// Of the shorter side; at least one pixel.
+/// The divisor of the shorter side that gives the width of the frame; it is at least one pixel.
 const FRAME_SHARE: u32 = 240;
-/// Of the width and height that the text may take.
+/// The fraction of the width and height that the text may take.
 const TEXT_SHARE: f64 = 0.9;
-/// Of the height that a line may take.
+/// The divisor of the height that gives the maximum height of a line.
 const LINE_SHARE: u32 = 12;
 /// A line may take so many pixels, however low the display: smaller letters are not read.
 const LINE_MIN: u32 = 16;

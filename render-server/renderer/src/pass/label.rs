@@ -8,7 +8,7 @@ use crate::text::{BACKGROUND, Text};
 /// Letters are not smaller than this: 16 pixels a line.
 const LINE_MIN: u32 = 16;
 
-/// Where a label stands, and so how large it is.
+/// The position of a label, which also decides its size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LabelPosition {
     /// In the middle, in letters that are read from across the room.

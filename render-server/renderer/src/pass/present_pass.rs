@@ -19,14 +19,14 @@ pub struct PresentPass {
     labels: Vec<LabelTexture>,
 }
 
-/// What a pipeline is specialised for.
+/// The values that a pipeline is specialised for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct PresentKey {
     /// The picture has as many pixels as it covers of the surface.
     exact: bool,
     /// x, y, width, height of the picture on the surface, in pixels.
     rectangle: [u32; 4],
-    /// What is read of it are codes, and not light.
+    /// The texture view gives codes, not light.
     coded: bool,
 }
 

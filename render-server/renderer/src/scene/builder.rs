@@ -23,7 +23,7 @@ pub enum SceneError {
     /// The bytes are not those of the description.
     #[error("{what} has {got} bytes, where its description says {wanted}")]
     Size {
-        /// Which texture or primitive.
+        /// The texture or primitive.
         what: String,
         /// Bytes given.
         got: u64,
@@ -33,7 +33,7 @@ pub enum SceneError {
     /// An index in the data points behind the vertices.
     #[error("{what} has the index {index}, but only {vertex_count} vertices")]
     Index {
-        /// Which primitive.
+        /// The primitive.
         what: String,
         /// The largest index.
         index: u32,
@@ -49,7 +49,7 @@ pub enum SceneError {
     /// The adapter could not take it.
     #[error("the GPU did not take {what}: {reason}")]
     Gpu {
-        /// What was being made.
+        /// The object that was being created.
         what: String,
         /// In the driver's words.
         reason: String,

@@ -1,4 +1,4 @@
-//! Where each primitive stands: everything about it that does not change from frame to frame.
+//! The placement of each primitive: everything about it that does not change from frame to frame.
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use polyptych_scene::{Instance, Node, Primitive, Scene};
@@ -60,7 +60,7 @@ impl Bounds {
     }
 }
 
-/// What all primitives of a mesh in one place have in common.
+/// The properties that all primitives of a mesh in one place share.
 #[derive(Clone, Debug)]
 pub(crate) struct Stance {
     /// The linear part of world from mesh, and so of world from primitive.
@@ -117,19 +117,19 @@ pub(crate) struct EyeRelativeTransform {
     pub near: [f32; 3],
     /// Rows of the linear part, and the offset: `near` as seen from the eye, in world axes.
     pub rows: [[f32; 4]; 3],
-    /// The same offset in f64.
+    /// The offset of `rows` in f64.
     pub offset: DVec3,
 }
 
 /// An item as seen from the eye, of which `origin` is the zero of its primitive and `linear` its
 /// stance's, both in world space.
 ///
-/// What is large is taken away before anything is rounded to f32: vertices near the eye are
-/// near `near` too, so their difference is exact (Sterbenz), and the offset, taken in f64, is
-/// as short as the eye's distance to the mesh. All that is left to f32 is in proportion to
-/// the distance from the eye, whatever the size of the mesh. `near` may be any point: that it
-/// is the nearest only makes the numbers small. All parts of a mesh have the same one, so that
-/// they meet in equal bits.
+/// The large part of all positions is subtracted before anything is rounded to f32. Vertices near
+/// the eye are near `near` too, so their difference is exact (Sterbenz); and the offset, taken in
+/// f64, is as short as the eye's distance to the mesh. All f32 rounding is in proportion to the
+/// distance from the eye, whatever the size of the mesh. `near` may be any point; the nearest one
+/// only keeps the numbers small. All parts of a mesh have the same `near`, so that they meet in
+/// equal bits.
 pub(crate) fn relative_to(
     origin: DVec3,
     linear: DMat3,
@@ -308,7 +308,7 @@ mod tests {
         check(DMat3::from_cols(DVec3::X, DVec3::new(0.5, 1.0, 0.0), DVec3::new(0.0, 0.3, -1.0)));
     }
 
-    /// Where the vertex stage puts a point: f32 throughout.
+    /// Returns the position that the vertex stage computes for a point: f32 throughout.
     fn emulated(relative: &EyeRelativeTransform, point: Vec3) -> Vec3 {
         let local = (point - Vec3::from(relative.near)).extend(1.0);
         Vec3::from(relative.rows.map(|row| glam::Vec4::from(row).dot(local)))

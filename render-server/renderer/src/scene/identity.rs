@@ -1,4 +1,4 @@
-//! Which scene something was drawn of.
+//! The identity of the scene that something was drawn of.
 
 use std::sync::{Arc, Weak};
 

@@ -228,7 +228,7 @@ impl SceneLayout {
         self.textures.shared(self.desc.textures.iter().map(texture_name), &other.texture_slots())
     }
 
-    /// The same of primitives.
+    /// Returns, for each slot of a primitive, that of the same one in another layout.
     pub(super) fn shared_geometries(&self, other: &Self) -> Vec<Option<usize>> {
         self.geometries.shared(self.geometry_names(), &other.geometry_slots())
     }
@@ -297,9 +297,9 @@ struct Look {
 /// Finds the batch of each placement, and collects the pipelines that they need.
 struct Sorter<'a> {
     default_material: Material,
-    /// What clips may change.
+    /// The properties of nodes that clips may change.
     traits: &'a NodeTraits,
-    /// What all pipelines of the scene have in common.
+    /// The part of a pipeline's key that all pipelines of the scene share.
     template: Template,
     batches: Vec<Batch>,
     keys: Vec<PipelineKey>,

@@ -65,7 +65,8 @@ pub(crate) struct DirectionalLight {
     /// Lux, as linear RGB.
     pub irradiance: Vec3,
     pub on: Condition,
-    /// What it does not reach lies in shadow: every light of the file, but not the default sun.
+    /// Surfaces that it does not reach lie in shadow: set for every light of the file, but not for
+    /// the default sun.
     pub casts_shadows: bool,
 }
 

@@ -93,8 +93,8 @@ impl StyledMaterial {
     }
 }
 
-/// What a material asks of the pipeline of a primitive with this layout. Texture coordinates
-/// that the vertices lack are zero, a normal map without tangents is left out.
+/// Returns the features of a material for the pipeline of a primitive with this layout. Texture
+/// coordinates that the vertices lack are zero; a normal map without tangents is left out.
 pub(crate) fn features(desc: &Material, layout: VertexLayout) -> MaterialFeatures {
     let uses = desc.texture_slots();
     let slot = |index: usize| slot_of(uses[index], layout);
@@ -125,7 +125,7 @@ pub(crate) fn features(desc: &Material, layout: VertexLayout) -> MaterialFeature
     }
 }
 
-/// Where the coordinates of a texture come from, in a primitive with this layout.
+/// Returns the source of a texture's coordinates in a primitive with this layout.
 pub(super) fn slot_of(used: Option<TextureRef>, layout: VertexLayout) -> TextureSlot {
     used.map_or(TextureSlot::None, |one| match one.uv_set {
         0 if layout.uv0 => TextureSlot::Uv0,

@@ -1,4 +1,4 @@
-//! What extensions of glTF add to a material on the GPU: bind group 3.
+//! The data of glTF material extensions on the GPU: bind group 3.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Affine2;
@@ -22,7 +22,7 @@ const ANISOTROPY: usize = 9;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(crate) struct ExtensionUniform {
-    /// Of the textures, in the order of the bindings.
+    /// The transforms of the textures' coordinates, in the order of the bindings.
     pub uv_transforms: [UvTransform; EXTENSION_TEXTURES_MAX],
     /// Reflectance from the front, and its part that is there.
     pub specular: [f32; 4],
@@ -32,7 +32,8 @@ pub(crate) struct ExtensionUniform {
     pub sheen: [f32; 4],
     /// Part, thickness, inverse of the index of refraction, 20 over the Abbe number.
     pub transmission: [f32; 4],
-    /// Of the volume per unit of the world; the factor of roughness for light that passes.
+    /// Absorption of the volume per unit of the world; the factor of roughness for light that
+    /// passes.
     pub absorption: [f32; 4],
     /// Strength, cosine and sine of the direction's angle.
     pub anisotropy: [f32; 4],
@@ -76,7 +77,7 @@ impl ExtensionUniform {
     }
 }
 
-/// What a material's extensions ask of its pipeline.
+/// The features of a material's extensions that its pipeline must have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct ExtensionFeatures {
     pub set: ExtensionSet,

@@ -27,7 +27,7 @@ const CONE_MARGIN: f64 = 1e-3;
 struct Block {
     first: u32,
     count: u32,
-    /// Of the box around their boxes.
+    /// The centre of the box around their boxes.
     center: DVec3,
     half: DVec3,
     /// Around the spheres of all their errors.
@@ -281,7 +281,7 @@ enum CullView {
     Along(DVec3),
 }
 
-/// What an item's meshlets must be before to be seen.
+/// The culling test of an item's meshlets.
 #[derive(Debug)]
 pub(crate) struct MeshletCull {
     /// In the item's space.
@@ -291,8 +291,8 @@ pub(crate) struct MeshletCull {
 }
 
 impl MeshletCull {
-    /// What shows of an item with its origin in world space. `culls_back`: back faces are not
-    /// drawn.
+    /// Creates the test for an item with its origin in world space. `culls_back`: back faces are
+    /// not drawn.
     pub fn new(planes: &FrustumPlanes, linear: &DMat3, origin: DVec3, culls_back: bool) -> Self {
         // A flat item has no side that an eye could be on.
         let is_solid = linear.determinant().abs() > f64::MIN_POSITIVE;
@@ -327,8 +327,8 @@ impl MeshletCull {
 /// Returns whether all triangles face away from an eye in the primitive's space, by a margin that
 /// rounding does not reach.
 ///
-/// As in Olano and others, and Zeux's meshoptimizer: with the eye at distance d from the
-/// middle, no triangle faces it where `toward · axis ≥ sine · d + radius`.
+/// The test is that of Olano and others, and of Zeux's meshoptimizer: with the eye at distance d
+/// from the middle, no triangle faces it if `away · axis ≥ sine · d + radius`.
 fn faces_away_from(meshlet: &Meshlet, eye: DVec3) -> bool {
     let axis = meshlet.cone_axis.as_dvec3();
     let (min, max) = (meshlet.min.as_dvec3(), meshlet.max.as_dvec3());
@@ -338,8 +338,8 @@ fn faces_away_from(meshlet: &Meshlet, eye: DVec3) -> bool {
     axis != DVec3::ZERO && away.dot(axis) >= reach
 }
 
-/// The same for rays in one direction, of unit length: from infinitely far the meshlet has no
-/// extent.
+/// Returns whether all triangles face away from rays in one direction, of unit length: from
+/// infinitely far the meshlet has no extent.
 fn faces_along(meshlet: &Meshlet, rays: DVec3) -> bool {
     let axis = meshlet.cone_axis.as_dvec3();
     axis != DVec3::ZERO && rays.dot(axis) >= f64::from(meshlet.cone_sine) + CONE_MARGIN

@@ -58,7 +58,7 @@ fn light(scene: &GpuScene, samples: u32, views: &[ViewDesc]) -> Target {
     target
 }
 
-/// What the light of a target is, as the shader reads it.
+/// Returns the light of a target's pixels, as the shader reads it.
 fn linear(target: &Target) -> Vec<DVec3> {
     let bytes = read_pixels(gpu(), target).unwrap();
     let half = |at: &[u8]| f16_from_bits(u16::from_le_bytes([at[0], at[1]]));

@@ -38,7 +38,7 @@ pub(super) fn map(radiance: impl Fn(DVec3) -> [f64; 3], diffuse: [[f32; 3]; 9]) 
     EnvironmentMap { side: SIDE, diffuse, texels }
 }
 
-/// The same radiance from everywhere.
+/// An environment with this radiance from all directions.
 pub(super) fn uniform(radiance: [f64; 3]) -> EnvironmentMap {
     let mut diffuse = [[0.0; 3]; 9];
     diffuse[0] = radiance.map(|number| number as f32);

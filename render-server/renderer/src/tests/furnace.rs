@@ -49,7 +49,7 @@ pub(super) fn radiance(material: Material, mu: f64, around: f64, lights: &[(DVec
     radiance_in(material, mu, (around, None), lights)
 }
 
-/// The same in these surroundings, if given.
+/// Radiance of a plate in these surroundings: as [`radiance`] has it, but with a map if given.
 pub(super) fn radiance_in(
     material: Material,
     mu: f64,
@@ -59,7 +59,7 @@ pub(super) fn radiance_in(
     radiance_of((SceneFixture::new(), material), mu, around, lights)
 }
 
-/// The same of a material whose textures the scene has.
+/// Radiance of a plate with a material whose textures the scene has.
 pub(super) fn radiance_of(
     (mut stage, material): (SceneFixture, Material),
     mu: f64,
@@ -70,7 +70,7 @@ pub(super) fn radiance_of(
     radiance_of_mesh(stage, (&MeshFixture::rectangle(50.0, 50.0), material), mu, around, lights)
 }
 
-/// The same of another plate with a material of the scene.
+/// Radiance of another plate, with a material of the scene.
 pub(super) fn radiance_of_mesh(
     stage: SceneFixture,
     plate: (&MeshFixture, u32),
@@ -84,7 +84,7 @@ pub(super) fn radiance_of_mesh(
     shown + 0.04
 }
 
-/// The same in three colours, each less than 1.
+/// Radiance of a plate in three colours, each less than 1.
 pub(super) fn color_of(
     (mut stage, material): (SceneFixture, Material),
     mu: f64,

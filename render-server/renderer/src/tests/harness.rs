@@ -87,8 +87,8 @@ impl MeshFixture {
         shape
     }
 
-    /// The same with meshlets of so many triangles, which are all of its finest level and have none
-    /// that replace them.
+    /// Adds meshlets of `triangles` triangles each. All are of the finest level and have none that
+    /// replace them.
     pub fn with_meshlets(mut self, triangles: usize) -> Self {
         let runs = self.indices.chunks(triangles * 3).enumerate();
         let meshlets = runs.map(|(at, run)| self.meshlet((at * triangles * 3) as u32, run));
@@ -381,7 +381,7 @@ pub fn differences(a: &[[u8; 4]], b: &[[u8; 4]]) -> [usize; 3] {
     counts
 }
 
-/// Whether everything that was drawn differs from the sky at the corner.
+/// Returns the number of pixels that differ from the first one, the sky at the corner.
 pub fn drawn(pixels: &[[u8; 4]]) -> usize {
     pixels.iter().filter(|pixel| **pixel != pixels[0]).count()
 }

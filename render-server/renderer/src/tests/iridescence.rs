@@ -64,8 +64,8 @@ fn film(f0: f64, mu: f64, (ior, nanometres): (f64, f64)) -> DVec3 {
     light.clamp(DVec3::ZERO, DVec3::ONE)
 }
 
-/// The same by a sum over wavelengths of what a film reflects (Airy), seen by the CIE 1931 observer
-/// as fitted by Wyman, Sloan and Shirley (2013), in light of equal energy, which is white.
+/// The reflectance of a film as a sum over wavelengths (Airy), seen by the CIE 1931 observer as
+/// fitted by Wyman, Sloan and Shirley (2013), in light of equal energy, which is white.
 fn film_of_spectrum(f0: f64, mu: f64, (ior, nanometres): (f64, f64)) -> DVec3 {
     let ([upper, lower], within, below) = faces(f0, mu, ior);
     let path = 2.0 * ior * nanometres * within;

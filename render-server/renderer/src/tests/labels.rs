@@ -14,7 +14,7 @@ fn label(place: LabelPosition, lines: &[&str]) -> Label {
     Label { lines: lines.iter().map(|line| (*line).to_owned()).collect(), place }
 }
 
-/// What a surface of this format shows, as sRGB bytes.
+/// Returns the pixels that a surface of this format shows, as sRGB bytes.
 fn shown(
     output: &mut PresentPass,
     format: wgpu::TextureFormat,

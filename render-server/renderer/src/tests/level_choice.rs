@@ -275,8 +275,8 @@ fn random_meshlet() -> impl Strategy<Value = Meshlet> {
     )
 }
 
-/// The same with a finest level and numbers that each by itself may be so: what they say of errors
-/// and spheres stays wrong.
+/// Returns the meshlets with a finest level and with numbers that are valid each by itself; as a
+/// hierarchy their errors and spheres stay wrong.
 fn mended(meshlets: &[Meshlet], fine: u32) -> Vec<Meshlet> {
     let sphere = |of: ErrorSphere| ErrorSphere {
         center: if of.center.is_finite() { of.center } else { Vec3::ZERO },

@@ -34,7 +34,7 @@ fn lamp(kind: LightKind, intensity: f32, range: Option<f32>) -> Light {
     Light { kind, color: Vec3::ONE, intensity, range }
 }
 
-/// What a grey of this linear light becomes on the display.
+/// Returns the display's code for a grey of this linear light.
 fn shown(light: f32) -> u8 {
     let v = crate::tone::tone_map(ToneMapper::Neutral, Vec3::splat(light)).x;
     let curved = if v <= 0.0031308 { v * 12.92 } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };

@@ -48,8 +48,8 @@ impl Parts {
 }
 
 impl CorrectionMesh {
-    /// What is drawn for these eyes: one part for each plane with triangles of its own, or all of
-    /// the mesh. Parts stay on the GPU until other ones are asked for.
+    /// Returns the parts to draw for these eyes: one for each plane with triangles of its own, or
+    /// all of the mesh. Parts stay on the GPU until the eyes' planes have other triangles.
     pub(super) fn parts(&self, gpu: &Gpu, eyes: &[EyeAtlas]) -> Parts {
         let Some(owned) = eyes.first().and_then(|eye| eye.triangles.as_ref()) else {
             return self.whole.clone();

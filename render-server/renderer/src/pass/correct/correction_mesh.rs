@@ -20,7 +20,7 @@ pub(super) struct WarpVertexRecord {
     point: [f32; 3],
 }
 
-/// Which pixels a correction draws, and what they show of its source.
+/// The pixels that a correction draws, and the points that they show of its source.
 #[derive(Debug)]
 pub struct CorrectionMesh {
     /// Near the mesh, so that f32 suffices from there.
@@ -28,7 +28,7 @@ pub struct CorrectionMesh {
     pub(super) corners: wgpu::Buffer,
     /// All of it, as one part.
     pub(super) whole: Parts,
-    /// Of the mesh; none without one.
+    /// The triangles of the warp mesh; empty without one.
     pub(super) triangles: Vec<[u32; 3]>,
     /// The parts that were drawn last, and of which triangles they are.
     pub(super) known: RefCell<Option<(Triangles, Parts)>>,

@@ -1,5 +1,5 @@
-//! What is compiled for corrections: shared by those that follow each other on one channel, so that
-//! a change of its numbers compiles nothing.
+//! Pipelines of corrections, shared by those that follow each other on one channel, so that a
+//! change of its numbers compiles nothing.
 
 use std::collections::BTreeMap;
 
@@ -20,7 +20,7 @@ const SOURCE: &str = include_str!("../correct.wgsl");
 /// of two eyes, of the last kinds of curves. Beyond it all are made anew.
 const PIPELINES_MAX: usize = 64;
 
-/// What pipelines are specialised for from frame to frame.
+/// The part of a pipeline's key that may change from frame to frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Sampling {
     planes: u32,
@@ -59,7 +59,8 @@ pub(super) struct Pipelines {
 }
 
 impl Sampling {
-    /// Of these eyes' planes, with samples across and down for each pixel of the display.
+    /// Creates the key for these eyes' planes, with samples across and down for each pixel of the
+    /// display.
     pub fn new(eyes: &[EyeAtlas], taps: [u32; 2]) -> Self {
         let planes = eyes.iter().map(|eye| eye.planes.len()).max().unwrap_or(0) as u32;
         let has_cells = eyes.iter().any(|eye| eye.triangles.is_some());
@@ -167,7 +168,7 @@ impl Pipelines {
         pipeline
     }
 
-    /// What a draw reads: source, uniforms, light map, codes and cells.
+    /// Creates the bind group of a draw: source, uniforms, light map, codes and cells.
     pub fn group(&self, gpu: &Gpu, resources: [wgpu::BindingResource<'_>; 5]) -> wgpu::BindGroup {
         let [source, uniform, light_map, codes, cells] = resources;
         let sampler = wgpu::BindingResource::Sampler(&self.sampler);
