@@ -28,7 +28,7 @@ pub(crate) struct Piece {
     pub bytes: Bytes,
 }
 
-/// What the bulk connection is used for.
+/// A job of the bulk connection.
 #[derive(Debug)]
 pub(crate) enum BulkJob {
     /// Fetch a blob from an offset on, piece by piece; nothing is checked here but the order.

@@ -24,14 +24,14 @@ pub(crate) struct ChannelOutput {
     pub name: String,
     surface: OutputSurface,
     target: Option<Target>,
-    /// What was made of the target, where the channel is corrected; else `None`.
+    /// The corrected picture of the target; `None` if the channel is not corrected.
     corrected: Option<OutputTexture>,
     /// The source of a correction with all pixels, where it was drawn with fewer; else `None`.
     enlarged: Option<OutputTexture>,
-    /// Where the window was placed last; a user may have moved it since.
+    /// The last placement of the window by the wall; a user may have moved it since.
     arranged: Option<WindowRect>,
-    /// What the display took last. A frame is drawn while the one before is shown, and a display
-    /// may have to show that again at any time: uncovered, frozen, or with words over it.
+    /// The picture that the display took last. A frame is drawn while the one before is shown, and
+    /// a display may have to show that again at any time: uncovered, frozen, or with words over it.
     shown: Option<PresentedImage>,
     /// A frame that waits for its swap while the next one is drawn.
     aside: Option<(FrameKey, OutputTexture)>,
@@ -41,15 +41,15 @@ pub(crate) struct ChannelOutput {
     assignment: Option<MonitorAssignment>,
     /// The channel on the wall that was prepared last, and the sizes that its picture should have.
     expected: Option<Expected>,
-    /// What is wrong with the display now.
+    /// The present mismatch of the display; `None` if its pictures fit.
     mismatch: Option<DisplayMismatch>,
-    /// When the display says so over its pictures.
+    /// The time until which the display shows the mismatch over its pictures.
     note: NoteTime,
     /// The warning that the manager knows.
     pub reported: Option<String>,
 }
 
-/// What a wall says of a channel's display.
+/// The properties of a channel's display that a wall states.
 #[derive(Debug)]
 struct Expected {
     id: ChannelId,
@@ -59,13 +59,13 @@ struct Expected {
     form: ChannelCalibration,
 }
 
-/// Where pictures go.
+/// The destination of a channel's pictures.
 #[derive(Debug)]
 enum OutputSurface {
     /// Nowhere: the target is all there is, and nobody sees what would be shown.
     Nowhere,
     Window(Box<WindowOutput>),
-    /// As a window would have it.
+    /// A picture as a window would show it.
     #[cfg(test)]
     Offscreen(Box<(polyptych_renderer::PresentPass, OutputTexture)>),
 }
@@ -103,7 +103,7 @@ impl ChannelOutput {
         }
     }
 
-    /// What was drawn last, as a display gets it.
+    /// Returns the picture that was drawn last, as a display gets it.
     pub fn picture(&self) -> Option<&OutputTexture> {
         self.corrected.as_ref().or(self.target.as_ref().map(Target::picture))
     }
@@ -196,7 +196,7 @@ impl ChannelOutput {
         }
     }
 
-    /// Whether codes of ten bits can be shown; where nobody looks, they can.
+    /// Returns whether the output supports codes of 10 bits; `true` if there is no window.
     pub fn supports_10_bit(&self, gpu: &Gpu) -> bool {
         match &self.surface {
             OutputSurface::Window(display) => display.supports_10_bit(gpu),
@@ -433,7 +433,7 @@ impl ChannelOutput {
         Self { surface, ..Self::new(name.into(), None, assignment) }
     }
 
-    /// What the display shows, RGBA8 as sRGB.
+    /// Returns the pixels that the display shows, RGBA8 as sRGB.
     pub fn read_back(&self, gpu: &Gpu) -> Vec<u8> {
         let OutputSurface::Offscreen(offscreen) = &self.surface else { panic!("nobody sees it") };
         polyptych_renderer::read_picture(gpu, &offscreen.1).expect("read back")

@@ -14,7 +14,7 @@ use polyptych_protocol::command::Pong;
 /// Samples of which the best is believed: long enough to find an undisturbed round trip.
 const SAMPLES: usize = 8;
 
-/// How fast two clocks drift apart, in microseconds per second: the tolerance of RFC 5905 (PHI).
+/// Maximum drift between two clocks, in microseconds per second: the tolerance of RFC 5905 (PHI).
 const DRIFT_PPM: u64 = 15;
 
 /// Picks the best of the newest samples.
@@ -32,7 +32,7 @@ struct Sample {
 }
 
 impl Sample {
-    /// How far off the offset may be by now.
+    /// Returns the maximum error of the offset at `now_us`, in microseconds.
     fn error_us(&self, now_us: u64) -> u64 {
         let age_us = now_us.saturating_sub(self.arrived);
         self.round_trip_us.div_ceil(2) + (age_us * DRIFT_PPM).div_ceil(1_000_000)
@@ -97,7 +97,8 @@ impl Clock {
         (self.local_us() as i64).saturating_add(offset_us).max(0) as u64
     }
 
-    /// How far off [`Clock::manager_us`] may be; `u32::MAX` where the manager's time is unknown.
+    /// Returns the maximum error of [`Clock::manager_us`] in microseconds; `u32::MAX` if the
+    /// manager's time is unknown.
     pub fn error_us(&self) -> u32 {
         self.error_us.load(Ordering::Relaxed)
     }

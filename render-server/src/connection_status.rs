@@ -1,8 +1,8 @@
-//! What a server says of itself where displays have room for words.
+//! The state of a server's connection, as text for displays that have room for it.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// How the connection stands, as the network thread tells it.
+/// The state of the connection, reported by the network thread.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ConnectionStatus {
     /// In words.
@@ -11,11 +11,11 @@ pub struct ConnectionStatus {
     pub since: String,
     /// This machine's, on its way to the manager; with the port once connected.
     pub address: Option<String>,
-    /// What has become of the manager.
+    /// The state of the manager.
     pub manager: ManagerState,
 }
 
-/// What has become of the manager, as far as displays must say it.
+/// The state of the manager, as far as displays show it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ManagerState {
     /// It is there, or there was none.
@@ -29,12 +29,12 @@ pub enum ManagerState {
     Stopped,
 }
 
-/// What a server is, beside its channels and its address.
+/// The identity of a server, beside its channels and its address.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ServerInfo {
-    /// As logs and status call it.
+    /// The server's name in logs and status.
     pub server: String,
-    /// What it draws with.
+    /// The name of the adapter that it draws with.
     pub adapter: String,
 }
 

@@ -37,25 +37,25 @@ use crate::reduced_grid::ReducedGrid;
 /// The plans of a server's channels, by name; those that need none are not there.
 pub(crate) type CorrectionPlans = BTreeMap<String, CorrectionPlan>;
 
-/// How a channel that is not shown as it is drawn is corrected.
+/// The correction of a channel that is not shown as it is drawn.
 #[derive(Clone, Debug)]
 pub(crate) struct CorrectionPlan {
     channel: ChannelId,
     desc: CorrectionDesc,
-    /// What its light map was made from.
+    /// The inputs that its light map was made from.
     light_inputs: LightInputs,
-    /// What its mesh was made from.
+    /// The inputs that its mesh was made from.
     form: Form,
-    /// Where its pixels lie; `None` where they are pixels of its screen.
+    /// The positions of its pixels; `None` if they are pixels of its screen.
     warp: Option<Arc<WarpMesh>>,
-    /// Whose pictures it shows.
+    /// The eyes whose pictures it shows.
     eyes: Vec<Eye>,
-    /// Where views of their own find what lies where.
+    /// The decoded files of the wall, from which views of their own find their pixels.
     maps: CalibrationMaps,
     shapes: WallGeometry,
 }
 
-/// What decides where a channel's pixels lie: equal ones make equal meshes.
+/// The inputs that decide the positions of a channel's pixels: equal ones make equal meshes.
 #[derive(Clone, Debug, PartialEq)]
 struct Form {
     eye: DVec3,
@@ -81,7 +81,7 @@ impl Form {
 /// The plans of these channels. What did not change of `known` plans is theirs.
 ///
 /// # Errors
-/// Which channel cannot be shown, and why.
+/// A channel cannot be shown; the error names it and says why.
 pub(crate) fn correction_plans<'a>(
     of: impl Into<ResolvedWall<'a>>,
     maps: &CalibrationMaps,
@@ -190,8 +190,8 @@ impl CorrectionPlan {
     }
 }
 
-/// What a channel's light is multiplied by and what is added: its part in blends, its masks, and
-/// the light of its warp's corners.
+/// Returns the factors and addends of a channel's light, for its blends, its masks, and the light
+/// of its warp's corners; `None` if there is nothing to correct.
 pub(crate) fn light_map(
     shaped: ResolvedWall<'_>,
     blend: &BlendModel<'_>,
@@ -216,12 +216,12 @@ fn beneath(views: &[View]) -> Option<usize> {
     views.iter().rposition(is_whole)
 }
 
-/// What is drawn and corrected in one go.
+/// The views that are drawn and corrected in one go.
 #[derive(Debug)]
 struct Layer {
     shots: EyeViews,
     views: Vec<ViewDesc>,
-    /// Whose pixels it has; `None` for all of the channel's.
+    /// The index of the overlay whose pixels it has; `None` for all of the channel's.
     lay: Option<usize>,
 }
 
@@ -268,9 +268,9 @@ pub(crate) struct Corrector {
     correction: Correction,
     /// The wall's.
     near_m: f64,
-    /// What the last eyes see; a tracked eye costs a fit for each frame, others none.
+    /// The pictures of the last eyes. A tracked eye costs a fit for each frame, others none.
     shots: Option<EyeViews>,
-    /// Of the last frame's views; made where a view is new or was moved.
+    /// The overlays of the last frame's views. One is made if its view is new or was moved.
     lays: Vec<Overlay>,
 }
 
@@ -412,7 +412,7 @@ impl Corrector {
         ReducedGrid::new(channel, wall.screen_of(channel), steps)
     }
 
-    /// What a frame is drawn from: the channel's own picture first, then what lies over it.
+    /// Returns the layers of a frame: the channel's own picture first, then the overlays.
     fn layers(&mut self, gpu: &Gpu, wall: &Wall, frame: &Frame) -> Result<Vec<Layer>, String> {
         let views = self.views(gpu, wall, frame)?;
         let seen = (&frame.presentation.head, frame.detail.resolution_steps);
@@ -444,7 +444,8 @@ impl Corrector {
         Ok(layers)
     }
 
-    /// What the renderer draws of a frame into the source of the channel's own picture.
+    /// Returns the views of a frame that the renderer draws into the source of the channel's own
+    /// picture.
     ///
     /// # Errors
     /// An eye that sees no picture, or a view that cannot be shown.

@@ -1,5 +1,5 @@
-//! What of an X server winit does not give: monitors of RandR 1.5, windows that fill one without a
-//! window manager, and a screen that is not blanked. Over a connection of its own.
+//! Features of an X server that winit lacks: monitors of RandR 1.5, windows that fill one without a
+//! window manager, and a screen that is not blanked. They have a connection of their own.
 
 use std::collections::BTreeSet;
 use std::thread::Builder;

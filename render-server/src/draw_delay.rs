@@ -9,15 +9,15 @@ use polyptych_renderer::GpuFaultKind;
 /// The most that a frame is slowed by: a server that is to end is asked between frames.
 const SLOWNESS_MAX: Duration = Duration::from_mins(1);
 
-/// What a file says is to happen with the next frame. The file is read before each frame, so that
-/// it can change while the server draws.
+/// The delay or fault that a file demands for the next frame. The file is read before each frame,
+/// so that it can change while the server draws.
 #[derive(Debug)]
 pub(crate) struct DrawDelay {
     file: Option<PathBuf>,
 }
 
 impl DrawDelay {
-    /// As the file says; not slowed without one.
+    /// Creates the delay that this file demands; without a file there is none.
     pub fn new(file: Option<PathBuf>) -> Self {
         Self { file }
     }

@@ -1,4 +1,5 @@
-//! Which frame a server draws next and which it shows: without sockets, GPU or clock.
+//! The choice of the frame that a server draws next and of the one it shows: without sockets, GPU
+//! or clock.
 //!
 //! Commands are taken as they come; what is to be done is asked for when all have been taken, so
 //! that a server that wakes from a stop goes to the newest frame and never shows an old one.
@@ -10,8 +11,8 @@ use polyptych_protocol::command::{Frame, Swap};
 use polyptych_protocol::ids::{Epoch, FrameId};
 use polyptych_protocol::output_mode::OutputMode;
 
-/// How much later than it should a frame may be shown at most, because it took so long to draw: a
-/// slow channel shows what it can, and a picture of a second ago is worse than the last one.
+/// Maximum time by which a frame that took long to draw may be shown late: a slow channel shows
+/// what it can, and a picture of a second ago is worse than the last one.
 pub const SLOW_GRACE_MAX: Duration = Duration::from_secs(1);
 
 /// Maximum number of frames that wait to be drawn: as many as a manager has on their way.
@@ -25,7 +26,7 @@ pub const SWAP_SPIN_US: u64 = 1_000;
 /// A frame's number in the life of a manager.
 pub type FrameKey = (Epoch, FrameId);
 
-/// What to do next.
+/// The next thing to do.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FrameAction {
     /// Draw this frame into the channels' own targets.
@@ -37,11 +38,11 @@ pub enum FrameAction {
     },
     /// Show a frame that was drawn: the last one, or the one that was kept aside.
     Show {
-        /// Which life of the manager.
+        /// The manager's epoch.
         epoch: Epoch,
         /// The frame.
         frame: FrameId,
-        /// What it wants displays to show.
+        /// The mode of the displays that the frame asks for.
         display: OutputMode,
         /// The instant of manager time at which to show it, at most [`SWAP_SPIN_US`] away; `None`:
         /// at once.
@@ -71,7 +72,7 @@ pub struct FrameScheduler {
 struct RenderedFrame {
     key: FrameKey,
     display: OutputMode,
-    /// How long that took.
+    /// The time that drawing took, in microseconds.
     took_us: u64,
 }
 
@@ -104,9 +105,9 @@ impl FrameScheduler {
         self.take_show(manager_us)
     }
 
-    /// What to do now, all commands having been taken. `manager_us` is manager time, where it is
-    /// known. A drawn frame must be noted by [`FrameScheduler::frame_drawn`] before this is asked
-    /// again.
+    /// Returns the next action, once all commands have been taken; `None` if there is nothing to do
+    /// now. `manager_us` is manager time, if it is known. A drawn frame must be noted by
+    /// [`FrameScheduler::frame_drawn`] before the next call.
     pub fn poll(&mut self, manager_us: Option<u64>) -> Option<FrameAction> {
         if let Some(show) = self.take_show(manager_us) {
             return Some(show);
@@ -149,8 +150,8 @@ impl FrameScheduler {
         self.swapped.is_some_and(|(of, newest)| of == epoch && newest >= frame)
     }
 
-    /// When to ask again since a drawn frame waits for the instant of its swap, in microseconds of
-    /// manager time.
+    /// Returns the time of the next poll for a drawn frame that waits for the instant of its swap,
+    /// in microseconds of manager time.
     pub fn next_show_us(&self) -> Option<u64> {
         let at_us = |swap: &Swap| {
             let key = (swap.epoch, swap.frame);

@@ -20,9 +20,9 @@ pub(crate) struct ViewTransform {
     pub eye_in_display: DVec3,
     /// Turns a vector from the eye in display space into view space.
     pub view_from_display: DMat3,
-    /// As [`ViewDesc::clip_from_view`].
+    /// The matrix of [`ViewDesc::clip_from_view`].
     pub clip_from_view: DMat4,
-    /// As [`ViewDesc::viewport`].
+    /// The canvas of [`ViewDesc::viewport`].
     pub viewport: [f64; 4],
     /// `true` if a channel of the wall is for one of the viewer's eyes.
     pub is_stereo_wall: bool,
@@ -85,7 +85,7 @@ impl ViewTransform {
     }
 }
 
-/// What a channel shows of a frame: which view where, none over another.
+/// Returns the rectangles of a channel and the view that each shows of a frame; none overlap.
 ///
 /// # Errors
 /// Too many of them, or what this server cannot draw.
@@ -98,7 +98,7 @@ pub(crate) fn view_rects(
     wall.view_rects(id, &frame.presentation.all_views()).map_err(|error| error.to_string())
 }
 
-/// Whether this server can draw the views of a frame.
+/// Checks that this server can draw the views of a frame.
 ///
 /// # Errors
 /// Too many of them, or more than it can.

@@ -1,9 +1,9 @@
 //! Windows that fill monitors: which, with or without a window manager, and after changes.
 //!
-//! Where a window manager knows full screen, it is asked for it. Elsewhere, windows are placed and
-//! sized here, and no window manager is asked about them (*override redirect*): a simple one
-//! would put frames around them, and one that starts later leaves them alone. They need no
-//! keyboard focus.
+//! Window managers that support full screen are asked for it. Otherwise windows are placed and
+//! sized here, and no window manager is asked about them (*override redirect*): a simple one would
+//! put frames around them, and one that starts later leaves them alone. They need no keyboard
+//! focus.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

@@ -58,11 +58,11 @@ pub(crate) struct LoadedState {
     pub warm_up: Camera,
     /// Its surroundings, if not its own sky.
     pub environment: Option<LoadedEnvironment>,
-    /// Of the channels of this server; the same as before where the wall is.
+    /// The plans of this server's channels; those of the state before if the wall is the same.
     pub plans: Arc<CorrectionPlans>,
     /// The decoded files of its wall.
     pub maps: CalibrationMaps,
-    /// What they make of it, on the screens of this server's channels.
+    /// The geometry that the files give to the screens of this server's channels.
     pub shapes: Arc<WallGeometry>,
     /// All that moves by itself in its scene, if anything.
     pub motion: Option<Arc<Motion>>,
@@ -82,7 +82,7 @@ struct ReadyScene {
     version: SceneVersion,
     /// The budgets that it was loaded within.
     budget: MemoryBudget,
-    /// As its file has it.
+    /// The scene of its file, without changes.
     base: Arc<Scene>,
     /// Manifests of what was added to it.
     added: AssetManifests,
@@ -128,7 +128,7 @@ pub(crate) struct LoadOrder {
     pub line: LoaderLink,
 }
 
-/// What the loader needs of the connection that an order came from.
+/// The loader's link to the connection that an order came from.
 #[derive(Clone, Debug)]
 pub(crate) struct LoaderLink {
     pub bulk: mpsc::Sender<BulkJob>,
@@ -147,7 +147,7 @@ pub(crate) struct Loader {
     ready_losses: u64,
     /// Those that this server drives.
     channels: Vec<String>,
-    /// What was made ready last; the render thread still holds its scene.
+    /// The state that was made ready last; the render thread still holds its scene.
     ready: Option<(Epoch, Replica)>,
     ready_plans: Option<(Wall, Arc<CorrectionPlans>)>,
     ready_scene: Option<ReadyScene>,
@@ -155,7 +155,8 @@ pub(crate) struct Loader {
     host_memory: HostMemory,
     /// The decoded files of the last wall: it changes in small things while it is adjusted.
     ready_maps: BTreeMap<BlobHash, Arc<CalibrationMap>>,
-    /// What these make of a wall, which is kept as it was before it was adjusted.
+    /// The geometry that these files give to a wall, which is kept as it was before it was
+    /// adjusted.
     ready_shapes: Option<(Wall, Arc<WallGeometry>)>,
 }
 
@@ -277,7 +278,8 @@ impl Loader {
         Ok(Prepared { epoch, revision, digest, features, scene_bytes })
     }
 
-    /// The same as before where only what does not move its shapes was adjusted.
+    /// Returns the wall's geometry. It is that of the last call if only settings that do not move
+    /// it have changed.
     fn shapes(&mut self, wall: Option<&Wall>, maps: &CalibrationMaps) -> Arc<WallGeometry> {
         let Some(wall) = wall.filter(|wall| !wall.files.is_empty()) else {
             return Arc::default();

@@ -1,11 +1,11 @@
-//! How a channel's picture fits the monitor that it fills, and what is said where it does not.
+//! The fit of a channel's picture to the monitor that it fills, and the warning if it does not fit.
 
 use std::time::{Duration, Instant};
 
 use crate::monitor::Monitor;
 
-/// How long a display says over its first pictures that they do not fit: time to read it at every
-/// display of a wall that was just started, and no mark on a wall that stays as it is.
+/// Time for which a display shows over its first pictures that they do not fit: enough to read it
+/// at every display of a wall that was just started, and no mark on a wall that stays as it is.
 pub(crate) const NOTE_TIME: Duration = Duration::from_mins(1);
 
 /// The monitor that a channel fills in full screen.
@@ -16,7 +16,7 @@ pub(crate) struct MonitorAssignment {
     pub is_connected: bool,
 }
 
-/// When a display says over its pictures that they do not fit.
+/// The time until which a display shows over its pictures that they do not fit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum NoteTime {
     /// It has shown no picture since.
@@ -38,12 +38,12 @@ pub(crate) struct Sizes {
     pub window: [u32; 2],
 }
 
-/// What is wrong with a display.
+/// A warning about a display, for log, status and the display itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct DisplayMismatch {
     /// A sentence for log and status, which names the remedy.
     pub warning: String,
-    /// The same in short, for the display.
+    /// A short form of the warning, for the display.
     pub note: String,
 }
 

@@ -6,7 +6,7 @@ use std::fmt;
 /// A monitor as RandR 1.5 has it: an output, several that make one picture, or a part of one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Monitor {
-    /// As the X server and `xrandr --listmonitors` call it.
+    /// The name in the X server and in `xrandr --listmonitors`.
     pub name: String,
     /// Its upper left pixel on the X screen.
     pub position: [i32; 2],

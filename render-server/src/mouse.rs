@@ -1,8 +1,8 @@
 //! The mouse over windows: dragging turns the scene, dragging with another button or with Shift
 //! moves it, the wheel makes it larger or smaller.
 //!
-//! What the mouse does is added up and taken once in [`PERIOD`], however often the window system
-//! reports it.
+//! Movements of the mouse are added up and taken once in [`PERIOD`], however often the window
+//! system reports them.
 
 use std::time::{Duration, Instant};
 
@@ -14,10 +14,10 @@ use winit::event::{ElementState, MouseButton, MouseScrollDelta, WindowEvent};
 /// Shortest time between two messages: as often as most displays show a frame.
 const PERIOD: Duration = Duration::from_micros(16_667);
 
-/// How far a drag by one pixel turns the scene: half a turn for 500 pixels.
+/// Radians by which a drag of one pixel turns the scene: half a turn for 500 pixels.
 const ORBIT_RAD_PER_PIXEL: f64 = 0.0063;
 
-/// How many times larger one click of the wheel makes the scene.
+/// The factor by which one click of the wheel enlarges the scene.
 const ZOOM_PER_LINE: f64 = 1.15;
 
 /// Pixels of a touchpad that count as one click.
@@ -26,7 +26,7 @@ const PIXELS_PER_LINE: f64 = 40.0;
 /// Clicks that are added up at most, so that no wheel asks for more than a message may hold.
 const LINES_MAX: f64 = 100.0;
 
-/// What a held button does.
+/// The effect of a held button.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Drag {
     Orbit,
@@ -97,12 +97,12 @@ impl Mouse {
         }
     }
 
-    /// What is not sent yet. A drag goes on in the channel where it began.
+    /// Returns the movements that are not sent yet. A drag goes on in the channel where it began.
     fn pending(&mut self, channel: &str) -> &mut Navigation {
         self.pending.get_or_insert_with(|| Navigation::none(channel))
     }
 
-    /// What is to be sent at `now`, if anything is due.
+    /// Takes the message that is due at `now`; `None` if none is.
     pub fn take(&mut self, now: Instant) -> Option<Navigation> {
         if self.pending.is_none() || self.sent.is_some_and(|sent| sent + PERIOD > now) {
             return None;
@@ -111,7 +111,8 @@ impl Mouse {
         self.pending.take().filter(Navigation::is_sound)
     }
 
-    /// When what was not taken at `now` is to be taken; `None` if there is nothing.
+    /// Returns the time at which the next message is due, after [`Self::take`] was called at `now`;
+    /// `None` if there is none.
     pub fn next(&self, now: Instant) -> Option<Instant> {
         self.pending.as_ref()?;
         let due = self.sent.map(|sent| sent + PERIOD).filter(|due| *due > now);

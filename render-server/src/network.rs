@@ -36,10 +36,11 @@ use crate::run::{ServerError, ServerOptions, Shutdown};
 const RETRY_FIRST: Duration = Duration::from_millis(50);
 const RETRY_LONGEST: Duration = Duration::from_secs(2);
 
-/// How long a manager whose bulk connection has ended may take to say why: both end together.
+/// Maximum time for a manager whose bulk connection has ended to say why: both connections end
+/// together.
 const LAST_WORDS_TIME_MAX: Duration = Duration::from_millis(200);
 
-/// How long a goodbye may take: the next connection waits for it.
+/// Maximum time for sending a goodbye: the next connection waits for it.
 const GOODBYE_TIME_MAX: Duration = Duration::from_millis(50);
 
 /// Why there is no connection.
@@ -92,7 +93,7 @@ impl From<ConnectionError> for End {
     }
 }
 
-/// What the network thread works with.
+/// The options, channels and clock of the network thread.
 pub(crate) struct Network {
     pub options: ServerOptions,
     pub adapter: Adapter,
@@ -390,7 +391,8 @@ impl Network {
         Ok(())
     }
 
-    /// What channels without a picture say, and since when; and those whose picture is old.
+    /// Sends the render thread the connection's state, for channels with an old picture or without
+    /// one.
     fn notice(&self, what: &str, manager: ManagerState) {
         let address = self.address.map(|address| match address.port() {
             0 => address.ip().to_string(),

@@ -74,11 +74,11 @@ fn picture(
     })
 }
 
-/// The same as the channel's display gets it: its light shared and coloured, unless that is what
-/// it shows; then mirrored, for both eyes and turned as it hangs.
+/// Returns a pattern's picture as the channel's display gets it. Its light is blended and coloured,
+/// unless the pattern shows just that; then it is mirrored, packed for both eyes and turned.
 ///
 /// # Errors
-/// As [`picture`].
+/// Those of [`picture`].
 pub(crate) fn draw_pattern<'a>(
     of: impl Into<ResolvedWall<'a>>,
     maps: &CalibrationMaps,

@@ -1,10 +1,10 @@
-//! What displays show of what was drawn, and which words over it: without sockets, GPU or clock.
+//! The content of displays, and the words over it: without sockets, GPU or clock.
 
 use polyptych_protocol::output_mode::OutputMode;
 
 use crate::connection_status::{ConnectionStatus, ManagerState};
 
-/// What the displays of this server show.
+/// The state of this server's displays.
 #[derive(Debug, Default)]
 pub struct PresentationState {
     mode: OutputMode,
@@ -16,7 +16,7 @@ pub struct PresentationState {
     is_stopped: bool,
 }
 
-/// What was shown before displays froze goes on being shown.
+/// The content that stays visible while displays are frozen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum ContentMode {
     #[default]
@@ -25,7 +25,7 @@ enum ContentMode {
     Black,
 }
 
-/// What one display shows.
+/// The content of one display.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DisplayContent {
     /// The picture that it took last.
@@ -79,7 +79,7 @@ impl PresentationState {
         true
     }
 
-    /// What a display shows now that has taken a picture, or has not.
+    /// Returns the content of a display that has, or has not, taken a picture.
     pub fn content(&self, has_picture: bool) -> DisplayContent {
         match self.face {
             // Not even that the manager is lost: who made the wall black wants it dark.
@@ -95,7 +95,7 @@ impl PresentationState {
         }
     }
 
-    /// How the connection stands.
+    /// Returns the state of the connection; `None` before the first one.
     pub fn notice(&self) -> Option<&ConnectionStatus> {
         self.notice.as_ref()
     }

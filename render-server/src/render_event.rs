@@ -1,4 +1,4 @@
-//! What was drawn becomes statuses for the manager.
+//! The results of drawing, as messages for the manager.
 
 use bytes::Bytes;
 use polyptych_protocol::command::Frame;
@@ -21,7 +21,7 @@ pub(crate) struct CapturedImage {
     pub bytes: Bytes,
 }
 
-/// What the render thread tells the network's.
+/// A message of the render thread to the network thread.
 #[derive(Debug)]
 pub(crate) enum RenderEvent {
     Status(ServerMessage),
@@ -75,7 +75,7 @@ pub(crate) fn draw_failed(frame: FrameId, channel: ChannelId, reason: String) ->
     RenderEvent::Status(ServerMessage::DrawFailed { channel, frame, reason })
 }
 
-/// What is wrong with a channel's display, or that nothing is any more.
+/// Creates the warning about a channel's display; `None`: its display is in order again.
 pub(crate) fn display(channel: ChannelId, warning: Option<String>) -> RenderEvent {
     RenderEvent::Status(ServerMessage::Display { channel, warning })
 }

@@ -50,14 +50,14 @@ pub(crate) const JOBS_MAX: usize = 512;
 /// Side of the target that a new scene is drawn into once before anyone sees it, in pixels.
 const WARM_UP_SIDE: u32 = 64;
 
-/// What the other threads want of this one.
+/// A task that other threads give to the render thread.
 #[derive(Debug)]
 pub enum RenderTask {
     /// Draw this, unless a newer one comes.
     Frame(Box<Frame>),
     /// Show what was drawn.
     Swap(Swap),
-    /// What displays say that have no picture to show, or an old one.
+    /// The words for displays that have no picture to show, or an old one.
     Notice(ConnectionStatus),
     /// The connection ended: what waits belongs to it.
     Disconnected,
@@ -125,7 +125,7 @@ struct ReadyState {
 /// By channel, those of a wall; shared by states of one wall.
 type Correctors = Rc<RefCell<BTreeMap<String, Corrector>>>;
 
-/// What the thread owns.
+/// The state of the render thread.
 pub(crate) struct RenderThread {
     gpu: Gpu,
     renderer: Renderer,
@@ -139,7 +139,7 @@ pub(crate) struct RenderThread {
     /// The scene as clips moved it in the last frame, if they did.
     moment: Option<DrawnMoment>,
     building: Option<SceneBuilder>,
-    /// How the latest scene is laid out in the state that is finished next.
+    /// The layout of the latest scene in the state that is finished next.
     relayout: Option<(Arc<SceneLayout>, Option<Arc<MovedItems>>)>,
     showing: PresentationState,
     /// The frame that was drawn last, if it is to be metered.

@@ -35,18 +35,18 @@ use crate::window::{self, Ended, Links, Message, WindowWish, Windows};
 /// Reports that wait for the network.
 const REPORTS_MAX: usize = 512;
 
-/// How long the render thread may take to end: the driver may be compiling for seconds, or hang,
-/// and a process that was told to end must not stay for that.
+/// Maximum time for the render thread to end: the driver may be compiling for seconds, or hang, and
+/// a process that was told to end must not stay for that.
 const RENDER_END_TIME_MAX: Duration = Duration::from_secs(1);
 
 /// Longest delay of showing a frame. The next one is drawn later by as much, and a display that
 /// is earlier than two refreshes at 20 Hz is not early but broken.
 pub const PRESENT_DELAY_MAX: Duration = Duration::from_millis(100);
 
-/// What ends a server from outside.
+/// A future that ends a server from outside when it completes.
 pub type Shutdown = Pin<Box<dyn Future<Output = ()> + Send>>;
 
-/// What a render server needs.
+/// The options of a render server.
 #[derive(Clone, Debug)]
 pub struct ServerOptions {
     /// The manager's address, `HOST:PORT`.
@@ -55,16 +55,16 @@ pub struct ServerOptions {
     pub channels: Vec<String>,
     /// For logs and status.
     pub name: String,
-    /// Where the manager's secret comes from; not asked for with keys.
+    /// The source of the manager's secret; not read with keys.
     pub token: TokenSource,
     /// This server's folder of keys, read anew for every connection: they may be renewed. With it
     /// all is encrypted, and `name` must be the certificate's.
     pub keys: Option<PathBuf>,
     /// Goes over a network without keys.
     pub insecure: bool,
-    /// Where blobs are kept on this machine.
+    /// The folder of this machine's blobs.
     pub cache: PathBuf,
-    /// Where the pictures go.
+    /// The destination of the pictures.
     pub output: OutputKind,
     /// The monitors that channels fill in full screen, by channel; before those of the wall file.
     pub monitors: BTreeMap<String, String>,
@@ -82,7 +82,7 @@ pub struct ServerOptions {
     pub culls_occluded: bool,
 }
 
-/// Where the pictures go.
+/// The destination of a server's pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OutputKind {
     /// Nowhere but to captures.
@@ -93,7 +93,7 @@ pub enum OutputKind {
     Fullscreen,
 }
 
-/// Where the manager's secret comes from.
+/// The source of the manager's secret.
 #[derive(Clone, Debug)]
 pub enum TokenSource {
     /// The secret itself.
@@ -245,7 +245,7 @@ struct Threads {
     reports: mpsc::Sender<RenderEvent>,
     ending: Arc<Ending>,
     network: JoinHandle<Result<(), ServerError>>,
-    /// What the render thread ended with, once it has.
+    /// The result of the render thread, once it has ended.
     rendered: Receiver<Result<(), String>>,
 }
 

@@ -38,7 +38,7 @@ pub(crate) struct WatchedStore {
 struct Health {
     /// Failures since it last gave an answer.
     failures: u32,
-    /// When it may be asked again, if it failed.
+    /// The time from which it may be asked again, if it failed.
     retry_at: Option<Instant>,
     /// Damaged objects since the last whole one.
     damaged: u32,

@@ -22,7 +22,7 @@ use crate::render_event::RenderEvent;
 use crate::render_thread::RenderTask;
 use crate::window_output::WindowOutput;
 
-/// What a window has before the wall says more, in pixels.
+/// The size of a window until the wall states one, in pixels.
 const FIRST_SIZE: PhysicalSize<u32> = PhysicalSize::new(640, 360);
 
 /// Longest time between two looks at the window system's events. Drivers present over the same X
@@ -30,7 +30,7 @@ const FIRST_SIZE: PhysicalSize<u32> = PhysicalSize::new(640, 360);
 /// into a queue that wakes nobody: without a look, a closed window of a wall at rest stays unheard.
 const EVENTS_PERIOD: Duration = Duration::from_millis(50);
 
-/// What another thread wants of the window system's.
+/// A message of another thread to the window system's.
 #[derive(Clone, Debug)]
 pub(crate) enum Message {
     /// End.
@@ -62,7 +62,7 @@ pub(crate) struct Links {
     pub reports: mpsc::Sender<RenderEvent>,
 }
 
-/// What windows are wanted.
+/// The windows to open.
 pub(crate) struct WindowWish {
     /// A window for each of these channels.
     pub channels: Vec<String>,

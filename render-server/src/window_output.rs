@@ -1,4 +1,4 @@
-//! Where a channel's pictures go: a window, or nowhere but the target itself.
+//! The output of a channel's pictures to a window.
 
 use std::sync::Arc;
 
@@ -63,7 +63,7 @@ impl WindowOutput {
         self.configuration = Some(configuration);
     }
 
-    /// Whether it can show codes of ten bits.
+    /// Returns whether it can show codes of 10 bits.
     pub(crate) fn supports_10_bit(&self, gpu: &Gpu) -> bool {
         self.surface.get_capabilities(&gpu.adapter).formats.contains(&FINE_FORMAT)
     }

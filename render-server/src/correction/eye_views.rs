@@ -13,12 +13,12 @@ use polyptych_wall::{ChannelId, Viewpoint, Wall};
 
 use crate::frame_views::{self, ViewTransform};
 
-/// What is drawn into a source, and how it is read.
+/// The planes that are drawn into a source, and the way in which it is read.
 #[derive(Clone, Debug)]
 pub(crate) struct EyeViews {
-    /// Of the source, in pixels.
+    /// The size of the source in pixels.
     pub size: [u32; 2],
-    /// Where the eyes are that see it.
+    /// The viewpoints of the eyes that see it.
     viewpoints: Vec<Viewpoint>,
     /// The steps by which its resolution is lowered.
     resolution_steps: u8,
@@ -26,7 +26,7 @@ pub(crate) struct EyeViews {
     pub eyes: Vec<EyeAtlas>,
     /// Samples of the source for each display pixel, across and down.
     pub taps: [u32; 2],
-    /// What each plane is drawn with, and its rectangle of the source.
+    /// The transform that each plane is drawn with, and its rectangle of the source.
     planes: Vec<(ViewTransform, [u32; 4])>,
 }
 
@@ -136,7 +136,7 @@ impl EyeViews {
         self.viewpoints == eyes && self.resolution_steps == resolution_steps
     }
 
-    /// What the renderer draws of one view, into all planes.
+    /// Returns the views that the renderer draws for one view: one for each plane.
     pub fn view_descs(&self, view: (usize, &View), frame: &Frame) -> Vec<ViewDesc> {
         let drawn = |(seen, rect): &(ViewTransform, [u32; 4])| ViewDesc {
             scissor: Some(*rect),
@@ -145,10 +145,11 @@ impl EyeViews {
         self.planes.iter().map(drawn).collect()
     }
 
-    /// What the renderer draws for a frame of a channel whose pixels are the source's.
+    /// Returns the views that the renderer draws for a frame of a channel whose pixels are the
+    /// source's.
     ///
     /// # Errors
-    /// As [`crate::frame_views::views`].
+    /// Those of [`crate::frame_views::views`].
     pub fn unwarped_views(
         &self,
         wall: &Wall,

@@ -24,7 +24,7 @@ pub(super) struct Overlay {
     sheet: Option<OverlayMesh>,
 }
 
-/// What is there of a view.
+/// The pixels of a view on one channel, with its source.
 #[derive(Debug)]
 pub(super) struct OverlayMesh {
     /// Its pixels.
@@ -33,11 +33,11 @@ pub(super) struct OverlayMesh {
     mesh: WarpMesh,
     /// For a camera's own picture.
     plan: Option<OverlayView>,
-    /// As the eyes saw it last, for the wall's frusta.
+    /// The pictures of the last eyes, for the wall's frusta.
     shots: Option<EyeViews>,
 }
 
-/// Where lays are made.
+/// The context in which overlays are made.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OverlayContext<'a> {
     pub gpu: &'a Gpu,
@@ -79,19 +79,19 @@ impl Overlay {
         Ok(lay(Some(OverlayMesh { shape, part, mesh, plan, shots: None })))
     }
 
-    /// Whether it is that view's, wherever its camera stands.
+    /// Returns whether it has the pixels of that view, wherever the view's camera is.
     pub fn matches(&self, view: &View) -> bool {
         self.area == view.area && self.is_own == (view.projection != ViewProjection::Wall)
     }
 
-    /// What is there of it.
+    /// Returns its mesh; `None` if no pixel of the channel shows the view.
     pub fn mesh(&mut self) -> Option<&mut OverlayMesh> {
         self.sheet.as_mut()
     }
 }
 
 impl OverlayMesh {
-    /// What is drawn into its source for these eyes.
+    /// Returns the planes that are drawn into its source for these eyes.
     ///
     /// # Errors
     /// An eye that sees no picture.

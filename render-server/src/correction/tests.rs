@@ -32,7 +32,7 @@ struct Spot {
     half: f64,
 }
 
-/// Where the light of a spot is on the display, and how much there is.
+/// The position of a spot's light on the display, and its sum.
 #[derive(Clone, Copy, Debug)]
 struct Light {
     middle: DVec2,
@@ -139,7 +139,7 @@ fn drawn(wall: &Wall, scene: &GpuScene, eyes: &[DVec3]) -> Vec<Vec<f64>> {
     eyes.iter().map(&mut draw).collect()
 }
 
-/// What the display should show, by a ray through the middle of each pixel.
+/// Returns the light that each pixel of the display should show, by a ray through its middle.
 fn expected(wall: &Wall, spot: &Spot, eye: DVec3) -> Vec<f64> {
     let map = wall.channel_mapping(ChannelId(0)).expect("a map");
     let size = wall.channels[0].size;

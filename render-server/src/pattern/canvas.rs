@@ -104,12 +104,12 @@ pub(super) fn crosshair(
     )
 }
 
-/// What lines at all multiples of `step` cover of a pixel, 0 to 1.
+/// Returns the fraction of a pixel that lines at all multiples of `step` cover, 0 to 1.
 fn share_of_line(at: f64, extent: f64, step: f64) -> f64 {
     share(at - (at / step).round() * step, extent)
 }
 
-/// What the line at 0 covers of a pixel, 0 to 1.
+/// Returns the fraction of a pixel that the line at 0 covers, 0 to 1.
 fn share(at: f64, extent: f64) -> f64 {
     let low = (at - extent * 0.5).max(-LINE_WIDTH * 0.5);
     let high = (at + extent * 0.5).min(LINE_WIDTH * 0.5);

@@ -15,7 +15,7 @@ use super::pixel_positions::{BLOCK, Block, PixelPositions};
 use super::{BLACK, blank, label, opaque};
 use crate::correction::light_map;
 
-/// Where one channel lights, and two, three, four or more.
+/// The colours of points that one, two, three, and four or more channels light.
 const COUNTS: [[u8; 3]; 4] = [[0, 40, 120], [0, 160, 0], [230, 200, 0], [255, 0, 0]];
 
 /// Pixels for a degree, from few to many, and their colours: each step doubles.
@@ -29,7 +29,7 @@ struct Neighbour<'a> {
     size: DVec2,
 }
 
-/// What is known of a whole block.
+/// The channels that light a block of pixels.
 struct BlockCoverage<'a> {
     /// Channels that light all of it.
     everywhere: usize,
@@ -47,7 +47,8 @@ impl Neighbour<'_> {
         self.pixel(canvas).is_some_and(is_inside)
     }
 
-    /// Of all of a block: `None` where that takes a closer look.
+    /// Returns whether the channel lights all (`true`) or nothing (`false`) of a block; `None` if
+    /// its pixels must be tested one by one.
     fn lights_all(&self, corners: &[DVec2; 4]) -> Option<bool> {
         let [a, b, c, d] = corners.map(|corner| self.pixel(corner));
         let at = [a?, b?, c?, d?];
@@ -66,7 +67,8 @@ impl Neighbour<'_> {
     }
 }
 
-/// How many channels of the screen light each pixel, for the eye that the channel is for.
+/// Returns the picture of the number of the screen's channels that light each pixel, for the eye
+/// that the channel is for.
 pub(super) fn overlap(
     shaped: ResolvedWall<'_>,
     id: ChannelId,
@@ -168,8 +170,8 @@ fn codes(codes: DVec3) -> Rgba<u8> {
     opaque((codes * 255.0).round().to_array().map(|code| code as u8))
 }
 
-/// How many pixels the viewer has for a degree, in the direction in which they are fewest. A
-/// change of colour stands for the root of two.
+/// Returns the picture of the viewer's pixels per degree, in the direction in which they are
+/// fewest. A change of colour stands for the root of two.
 pub(super) fn density(channel: &Channel, map: &ChannelMapping<'_>, eye: DVec3) -> RgbaImage {
     let (width, height) = (channel.size.x, channel.size.y);
     let blocks = channel.size.map(|side| side.div_ceil(BLOCK)) + 1;

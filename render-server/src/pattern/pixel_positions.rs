@@ -1,8 +1,8 @@
-//! Where the pixels of a channel lie on the canvas, for all of them at once.
+//! The positions of all pixels of a channel on the canvas.
 //!
-//! A place of the canvas takes a hundred nanoseconds on a curved screen, and a picture has two
-//! million: so it is found at the corners of blocks of pixels, and in between where that is not
-//! exact enough.
+//! One position takes a hundred nanoseconds on a curved screen, and a picture has two million
+//! pixels. So positions are computed at the corners of blocks of pixels, and in between only if
+//! interpolation is not exact enough.
 
 use glam::{DVec2, UVec2};
 use image::RgbaImage;
@@ -14,8 +14,8 @@ use super::opaque;
 /// Pixels of a block, each way.
 pub(super) const BLOCK: u32 = 16;
 
-/// What a place may be off by interpolation, in pixels of the canvas: a tenth of what lines may
-/// be apart.
+/// Maximum error of an interpolated position, in pixels of the canvas: a tenth of the tolerance for
+/// lines.
 const ERROR_MAX: f64 = 0.001;
 
 /// The places of one channel's pixels.
@@ -25,13 +25,12 @@ pub(super) struct PixelPositions<'a> {
     size: UVec2,
 }
 
-/// Where a pixel lies.
+/// The position of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PixelPosition {
     /// Its middle, in pixels of the canvas.
     pub at: DVec2,
-    /// How long it is there along the canvas's x and y: the root of the sum of squares of both
-    /// its sides.
+    /// Its length along the canvas's x and y: the root of the sum of squares of both its sides.
     pub extent: DVec2,
 }
 
@@ -107,7 +106,7 @@ impl<'a> Block<'a> {
         Self { map, origin, corners: corners() }
     }
 
-    /// Of a pixel of the block.
+    /// Returns the position of a pixel of the block; `None` if it has none.
     fn place(&self, pixel: UVec2) -> Option<PixelPosition> {
         let middle = pixel.as_dvec2() + 0.5;
         let (at, across, down) = if let Some(corners) = &self.corners {

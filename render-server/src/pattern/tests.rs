@@ -143,7 +143,7 @@ fn a_checker_is_even_and_sharp() {
     }
 }
 
-/// Where bright lines cross a row, found by their light, as places of the canvas.
+/// Returns the points of the canvas where bright lines cross a row, found by their light.
 fn crossings(wall: &Wall, channel: u16, y: u32) -> Vec<f64> {
     let image = draw(wall, channel, TestPattern::Grid);
     let map = wall.channel_mapping(ChannelId(channel)).expect("a map");

@@ -1,4 +1,4 @@
-//! What is presented, and whether it fits the monitors of a server in full screen.
+//! Presentation, and the fit of pictures to the monitors of a server in full screen.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -48,7 +48,7 @@ impl RenderThread {
         }
     }
 
-    /// What a display shows that has just been uncovered or resized, or has something to say.
+    /// Presents again on a display that was uncovered or resized, or that has new words.
     pub(super) fn show_again(&mut self, index: usize) {
         let output = &mut self.outputs[index];
         if let Err(reason) = output.present(&self.gpu, &self.showing, &self.identity) {

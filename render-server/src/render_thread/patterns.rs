@@ -35,7 +35,8 @@ impl PatternImage {
         Ok(Self { pattern, eye, wall: shaped.wall.clone(), picture })
     }
 
-    /// Whether it would be drawn the same. Tunings of other channels matter to few patterns.
+    /// Returns whether a new image would equal this one. Tunings of other channels matter to few
+    /// patterns.
     fn is_of(&self, wall: &Wall, id: ChannelId, pattern: TestPattern, eye: DVec3) -> bool {
         let is_same_wall = || {
             let (old, new) = (self.wall.channel(id), wall.channel(id));

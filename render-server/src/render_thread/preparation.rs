@@ -91,7 +91,8 @@ impl RenderThread {
         (Rc::new(scene.with_environment(environment)), is_same_kind)
     }
 
-    /// What corrects the channels of a state: as before, where its wall is.
+    /// Returns the correctors of a state's channels: those of an earlier state if its wall is the
+    /// same.
     fn correctors(&self, state: &LoadedState) -> Result<Correctors, String> {
         let is_it = |d: &&ReadyState| Arc::ptr_eq(&d.state.plans, &state.plans);
         if let Some(drawable) = self.states.iter().rfind(is_it) {

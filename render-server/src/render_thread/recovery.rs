@@ -1,4 +1,4 @@
-//! What follows when the GPU is lost: another device is opened, and all that was on the lost one is
+//! Recovery from the loss of the GPU: another device is opened, and all that was on the lost one is
 //! made anew. The process, its connection and its windows stay.
 //!
 //! The manager is told, and sends the shown state, which the loader prepares from the blobs on this
@@ -12,7 +12,7 @@ use polyptych_renderer::{Gpu, GpuFault, GpuFaultKind};
 use super::{RenderTask, RenderThread};
 use crate::render_event::RenderEvent;
 
-/// How long a driver may refuse to open its adapter again: it is reset meanwhile.
+/// Maximum time for which a driver may refuse to open its adapter again, while it is reset.
 const REOPEN_TIME_MAX: Duration = Duration::from_secs(20);
 
 /// Pause between two tries to open it.
@@ -30,7 +30,7 @@ const HANGS_MAX: u32 = 3;
 /// side is left then, and 1/256 of the memory.
 const LEVELS_LEFT_OUT_MAX: u32 = 4;
 
-/// What was lost so far.
+/// The losses so far.
 #[derive(Debug, Default)]
 pub(super) struct Losses {
     /// Largest levels of textures that are left out, since the GPU ran out of memory.

@@ -1,4 +1,4 @@
-//! What a display shows, from the commands to its pixels: without windows or sockets.
+//! The content of displays, from commands to pixels: without windows or sockets.
 
 mod resolution;
 

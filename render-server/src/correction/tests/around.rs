@@ -18,7 +18,7 @@ fn around(surface: Surface, size: [u32; 2], error_max_px: f64) -> Wall {
     wall
 }
 
-/// What the display should show, if each pixel has an eye of its own.
+/// Returns the light that each pixel of the display should show, if it has an eye of its own.
 fn ideal(wall: &Wall, spot: &Spot) -> Vec<f64> {
     let map = wall.channel_mapping(ChannelId(0)).expect("a map");
     let viewpoint = wall.viewpoints(&wall.channels[0])[0];

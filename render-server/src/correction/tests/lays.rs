@@ -242,7 +242,7 @@ fn with_file(wall: &mut Wall, kind: CalibrationFileKind, map: WarpMap) -> Calibr
     CalibrationMaps::load(wall, |_| Ok(Arc::clone(&map))).expect("maps")
 }
 
-/// Where a file has a place of the picture on the canvas: a little askew.
+/// Returns the position on the canvas that a file gives to a point of the picture: a little askew.
 fn askew(place: Vec2) -> Vec2 {
     Vec2::new(0.1 + 0.7 * place.x + 0.05 * place.y, 0.05 + 0.08 * place.x + 0.8 * place.y)
 }
