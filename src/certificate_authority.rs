@@ -17,12 +17,12 @@ use rcgen::{
 };
 use time::{Duration, OffsetDateTime};
 
-/// How long certificates are valid: longer than the machines of a wall are in use. One that ends
-/// darkens a display on a day when nobody thinks of it, and a short life would protect nothing: a
-/// key that got into wrong hands is answered at once, by a new authority.
+/// Validity of certificates: longer than the machines of a wall are in use. One that expires
+/// darkens a display on a day when nobody expects it, and a short life would protect nothing: if a
+/// key is compromised, a new authority is created at once.
 const VALID: Duration = Duration::days(3653);
 
-/// How long before now they begin: clocks of machines without a time server differ.
+/// Time before now at which their validity begins: clocks of machines without a time server differ.
 const CLOCK_SLACK: Duration = Duration::days(1);
 
 /// The authority's name. It is the same for all walls, since a certificate is checked by the
@@ -36,7 +36,7 @@ pub(crate) struct CertificateAuthority {
     issuer: Issuer<'static, KeyPair>,
 }
 
-/// What became of a node's folder.
+/// The outcome for a node's folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum IssueOutcome {
     Made,
@@ -48,7 +48,7 @@ impl CertificateAuthority {
     /// The authority in this folder, which is made where it is not there.
     ///
     /// # Errors
-    /// What can't be read or written.
+    /// A file can't be read or written.
     pub fn open_or_create(folder: &Path) -> anyhow::Result<(Self, IssueOutcome)> {
         if folder.exists() {
             return Ok((Self::open(folder)?, IssueOutcome::Kept));
@@ -88,7 +88,7 @@ impl CertificateAuthority {
     /// checked.
     ///
     /// # Errors
-    /// What can't be written, or is wrong with what is there.
+    /// A file can't be written, or the keys that are there are not valid for this node.
     pub fn issue(
         &self,
         node: &NodeIdentity,

@@ -211,7 +211,7 @@ impl ManagerAddress {
 }
 
 impl Cli {
-    /// What this process is, for those who read the logs of several.
+    /// Returns the kind of this process, for readers of several logs.
     pub fn process(&self) -> &'static str {
         match self.command {
             Command::Demo(_) | Command::Simulate(_) => "simulate",
@@ -304,8 +304,8 @@ fn say(line: impl Display) -> anyhow::Result<()> {
     }
 }
 
-/// What went wrong, from what was wanted down to the cause, in one line: texts of files and peers
-/// stand in it, which must not move a terminal's cursor or look like lines of their own.
+/// Returns the error with its causes in one line. It may quote files and peers, so control
+/// characters are made printable: they could move a terminal's cursor or begin lines of their own.
 pub(crate) fn one_line(error: &anyhow::Error) -> String {
     let mut line = String::new();
     for cause in error.chain().map(ToString::to_string) {
@@ -324,7 +324,7 @@ pub(crate) fn one_line(error: &anyhow::Error) -> String {
 struct WallFiles {
     maps: CalibrationMaps,
     shapes: WallGeometry,
-    /// What works, but may not be meant.
+    /// Warnings about values that work, but may not be intended.
     warnings: Vec<String>,
 }
 
@@ -378,7 +378,7 @@ fn address(text: &str) -> Result<String, String> {
     address_with(text, PORT_DEFAULT, 1)
 }
 
-/// The same with another usual port and the lowest one that may be said.
+/// Parses an address with another default port and another lowest port.
 fn address_with(text: &str, port_default: u16, port_min: u16) -> Result<String, String> {
     let is_plain_v6 = text.matches(':').count() > 1 && !text.starts_with('[');
     let (host, port) = match text.rsplit_once(':').filter(|_| !is_plain_v6) {

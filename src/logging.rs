@@ -32,36 +32,36 @@ const LINE_BYTES_MAX: usize = 4096;
 /// Bytes of a longer line that are kept; escaped again they are at most twice as many.
 const CUT_BYTES_MAX: usize = 1800;
 
-/// What a line says in the place of one that no pipe takes whole.
+/// The text of a line in the place of one that no pipe takes whole.
 const TOO_LONG: &str = "a line too long to be written";
 
-/// How the end of a line of text that was cut reads.
+/// The end of a line of text that was cut.
 const CUT: &str = "… (cut)\n";
 
-/// How long the end of a process waits for lines that are not written yet.
+/// Maximum time for which the end of a process waits for lines that are not written yet.
 const FLUSH_TIME_MAX: Duration = Duration::from_millis(300);
 
-/// What the log is like, as `--log` says: `json` or `text`, and a filter.
+/// The form of the log, as given by `--log`: `json` or `text`, and a filter.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct LogOptions {
     is_json: bool,
     filter: Option<String>,
 }
 
-/// What was chosen at the start; like the subscriber, one for the process.
+/// The options chosen at the start; like the subscriber, there is one set for the process.
 static CHOSEN: OnceLock<LogOptions> = OnceLock::new();
 
 /// Lines on their way to standard error; `None` if the system gave no thread for it.
 static QUEUE: OnceLock<Option<Queue>> = OnceLock::new();
 
-/// What this process is, as every line of JSON says.
+/// The kind of this process, which every line of JSON states.
 static PROCESS: OnceLock<&'static str> = OnceLock::new();
 
 impl LogOptions {
     /// Reads `json`, `text`, a filter, or both with a comma between.
     ///
     /// # Errors
-    /// What the filter does not mean.
+    /// The filter is invalid; the error says why.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut wish = Self::default();
         let mut directives = Vec::new();
@@ -134,18 +134,18 @@ fn write_field(writer: &mut Writer<'_>, field: &Field, value: &dyn fmt::Debug) -
     write!(writer, "{name}={value}")
 }
 
-/// Whether the environment asks for no colours (<https://no-color.org>).
+/// Returns whether the environment asks for no colours (<https://no-color.org>).
 pub(crate) fn is_plain() -> bool {
     std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty())
 }
 
-/// Whether standard error is for programs: nothing else may be written there.
+/// Returns whether standard error is for programs: nothing else may be written there.
 pub(crate) fn is_json() -> bool {
     CHOSEN.get().is_some_and(|wish| wish.is_json)
 }
 
-/// What `--log` of a child process is. Its warnings are for a wall: connecting again is daily work
-/// on one machine.
+/// Returns the `--log` of a child process. Only its errors are logged by default: its warnings are
+/// for a wall, and on one machine connecting again is normal.
 pub(crate) fn of_children() -> String {
     let wish = CHOSEN.get().cloned().unwrap_or_default();
     let form = if wish.is_json { "json" } else { "text" };
@@ -161,7 +161,7 @@ pub(crate) fn say_failure(process: &'static str, text: &str) {
     }
 }
 
-/// What a command did, but not as a person would expect.
+/// Logs a warning: the command did its work, but not as a person would expect.
 pub(crate) fn say_warning(text: &str) {
     if is_json() {
         emit(json_line("WARN", process(), text).as_bytes(), false);
@@ -258,7 +258,7 @@ impl Write for LogWriter {
     }
 }
 
-/// What every line begins with.
+/// The members that every line begins with.
 #[derive(Debug)]
 struct LinePrefix {
     process: &'static str,

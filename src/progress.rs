@@ -30,7 +30,8 @@ fn on_terminal() -> ProgressDrawTarget {
     }
 }
 
-/// Where progress is drawn: it is for people, and a log for programs has lines only.
+/// Returns the target that progress is drawn on: hidden if the log is for programs, since progress
+/// is for people.
 pub(crate) fn target() -> ProgressDrawTarget {
     if logging::is_json() { ProgressDrawTarget::hidden() } else { on_terminal() }
 }

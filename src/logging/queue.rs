@@ -20,7 +20,7 @@ const LAST_WORDS_BYTES_MAX: usize = 64 * 1024;
 /// Maximum bytes that wait where something is drawn on a terminal: a few pictures of a bar.
 const DRAWING_BYTES_MAX: usize = 4 * 1024;
 
-/// How a count of dropped lines is said as a line of the log.
+/// Formats the count of dropped lines as a line of the log.
 type DroppedLine = fn(u64) -> String;
 
 /// Lines on their way to the thread that writes them.

@@ -1,4 +1,4 @@
-//! What the frame barrier costs, beside a raw TCP barrier of the same shape in the same run.
+//! The cost of the frame barrier, beside a raw TCP barrier of the same shape in the same run.
 //!
 //! Stub servers answer at once and draw nothing, so what remains is the cluster itself: frame
 //! command out, a report from each back, swap command out. The raw barrier sends messages of the
@@ -31,10 +31,10 @@ use tokio_util::sync::CancellationToken;
 /// Pixels of a channel that nobody draws.
 const SIDE: u32 = 64;
 
-/// How long all stub servers together may take to come.
+/// Maximum time for all stub servers together to connect.
 const JOIN_TIME_MAX: Duration = Duration::from_secs(30);
 
-/// How often a measurement looks whether it is over: each look takes the manager's time.
+/// Period in which a measurement checks whether it is over: each check takes the manager's time.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// Ours, raw and the ratio, for one number of servers.
@@ -54,7 +54,7 @@ pub(crate) struct BarrierCost {
     pub skew_ratio_p50: f64,
 }
 
-/// What a barrier took.
+/// The times of a barrier.
 #[derive(Debug, Serialize)]
 pub(crate) struct Measured {
     /// From the frame command to the swap command.

@@ -32,7 +32,7 @@ impl std::fmt::Display for Ending {
 
 impl std::error::Error for Ending {}
 
-/// Whether and why the work is to end, for all threads.
+/// A request to end the work, with its reason, shared by all threads.
 #[derive(Debug, Default)]
 pub(crate) struct EndRequest {
     state: Mutex<State>,
@@ -79,7 +79,7 @@ impl EndRequest {
         state.has_results |= state.ending.is_none();
     }
 
-    /// Whether the work has results.
+    /// Returns whether the work has results.
     pub fn is_reported(&self) -> bool {
         self.state().has_results
     }

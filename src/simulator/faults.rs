@@ -26,7 +26,7 @@ use record::{FaultEnd, FaultEvent, FaultRecorder};
 /// Faults that wait for their end at once; a wall with more of them under way learns nothing.
 const ENDS_MAX: usize = 64;
 
-/// What a wall must have so that it can be hurt: servers by name.
+/// The servers of a wall that need hooks for faults, by name.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct FaultHooks {
     /// Those whose connections go through a relay.
@@ -36,7 +36,7 @@ pub(crate) struct FaultHooks {
 }
 
 impl FaultHooks {
-    /// What these faults need on this wall.
+    /// Returns the hooks that these faults need on this wall.
     ///
     /// # Errors
     /// A fault that the wall cannot have.
@@ -121,7 +121,7 @@ impl<'a> Faults<'a> {
         Ok(())
     }
 
-    /// What all faults did, and how many more there were than are recorded.
+    /// Returns the records of all faults, and the number of those that were not recorded.
     pub fn finish(self) -> (Vec<FaultRecord>, u64) {
         let unrecorded = self.recorder.unrecorded;
         (self.recorder.finish(), unrecorded)

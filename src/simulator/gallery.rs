@@ -40,9 +40,9 @@ pub(crate) struct ModelReport {
     /// Why there is no picture; `None` for a model that was drawn.
     pub error: Option<String>,
     pub triangles: u64,
-    /// What it needs of the renderer, in words.
+    /// Names of the renderer's features that it needs.
     pub needs: Vec<&'static str>,
-    /// What of it is not drawn, or not as it is there.
+    /// The parts of it that are not drawn, or not as the file has them.
     pub notes: Vec<String>,
     /// The exposure that suits its lights.
     pub exposure: f32,
@@ -93,7 +93,8 @@ pub(crate) struct Gallery {
     time_s: f64,
     /// Started for the first model, and again after one that it could not draw.
     local: Option<LocalWall>,
-    /// Of the last wall, which it outlives: the user may end the run between two of them.
+    /// The end request of the last wall, which it outlives: the user may end the run between two
+    /// walls.
     end: Option<Arc<EndRequest>>,
 }
 

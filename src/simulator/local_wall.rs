@@ -25,7 +25,7 @@ use crate::simulator::ending::{EndRequest, Ending};
 use crate::simulator::faults::{FaultHooks, FaultProxy};
 use crate::simulator::supervise::{ChildCommand, ChildState, OnLine, Supervisor};
 
-/// How long all servers together may take to come: a machine with two cores opens sixteen
+/// Maximum time for all servers together to connect: a machine with two cores opens sixteen
 /// software devices in about ten seconds.
 const START_TIME_MAX: Duration = Duration::from_secs(90);
 
@@ -35,14 +35,14 @@ const LOOK_PERIOD: Duration = Duration::from_millis(50);
 /// Longest wait for a scene: it is baked first.
 const OPEN_TIME_MAX: Duration = Duration::from_mins(30);
 
-/// How a server tells its parent, in a line of standard output, that the user has closed a window;
-/// the channel's name follows.
+/// The beginning of a line of standard output by which a server tells its parent that the user has
+/// closed a window; the channel's name follows.
 pub(crate) const WINDOW_CLOSED: &str = "window closed:";
 
-/// What an interrupted process answers to its shell: 128 and the number of SIGINT.
+/// The exit code of an interrupted process: 128 and the number of SIGINT.
 pub(crate) const INTERRUPTED: u8 = 130;
 
-/// What a local wall is made of.
+/// The options of a local wall.
 #[derive(Debug)]
 pub(crate) struct LocalWallOptions {
     /// Its files are baked.
@@ -53,13 +53,13 @@ pub(crate) struct LocalWallOptions {
     pub recorder: Option<Recorder>,
     /// Servers leave out what others hide, where that is faster.
     pub culls_occluded: bool,
-    /// What it must have so that it can be hurt.
+    /// The hooks that its faults need.
     pub needs: FaultHooks,
     /// The address at which its manager serves HTTP.
     pub http: Option<HttpOptions>,
 }
 
-/// How a server can be hurt, beside by its process.
+/// The fault hooks of a server, beside its process.
 #[derive(Debug, Default)]
 struct FaultHook {
     relay: Option<Arc<FaultProxy>>,
@@ -88,7 +88,8 @@ impl LocalWall {
     /// Starts manager and servers, and waits until all channels could draw.
     ///
     /// # Errors
-    /// What did not start, and why; [`Ending`] if it was to end meanwhile.
+    /// A thread or a process did not start; the error says which and why. [`Ending`] if the work
+    /// was to end meanwhile.
     pub fn start(options: LocalWallOptions) -> anyhow::Result<Self> {
         let LocalWallOptions { mut wall, scene_roots, baker, recorder, needs, http, .. } = options;
         let LocalWallOptions { windows, culls_occluded, .. } = options;

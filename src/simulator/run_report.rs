@@ -39,9 +39,9 @@ pub(crate) struct RunReport {
     pub wall: String,
     /// The scene's name.
     pub scene: String,
-    /// What of the scene is not drawn as its file has it.
+    /// The parts of the scene that are not drawn as its file has them.
     pub notes: Vec<String>,
-    /// What the channels were drawn with, each adapter once.
+    /// The adapters of the channels, each once.
     pub adapter: String,
     /// Why the run ended.
     pub ended: EndOfRun,
@@ -49,11 +49,11 @@ pub(crate) struct RunReport {
     pub restarts: u64,
     /// Channels of which the last picture is missing, with the reason.
     pub missing: Vec<(String, String)>,
-    /// What went wrong on purpose, and what it did.
+    /// The faults that happened on purpose, and their effects.
     pub faults: Vec<FaultRecord>,
     /// Faults beyond those that are recorded.
     pub faults_unrecorded: u64,
-    /// What the manager measured, for the wall and for each channel.
+    /// The manager's measurements, for the wall and for each channel.
     #[serde(flatten)]
     pub statistics: Statistics,
 }
@@ -80,7 +80,8 @@ impl RunReport {
         }
     }
 
-    /// What the frames took, for people. Times of what was never drawn are left out.
+    /// Returns the times of the frames as text for people. Times of what was never drawn are left
+    /// out.
     pub fn summary(&self) -> String {
         let all = &self.statistics;
         let times = if all.draw_ms.count == 0 {
@@ -103,7 +104,8 @@ impl RunReport {
         )
     }
 
-    /// What faults did, for people: a line for each, then one for each channel.
+    /// Returns the effects of faults as text for people: a line for each fault, then one for each
+    /// channel.
     pub fn fault_lines(&self) -> impl Iterator<Item = String> {
         let faults = self.faults.iter().take(FAULTS_SAID_MAX).map(FaultRecord::line);
         let more = self.faults.len().saturating_sub(FAULTS_SAID_MAX);

@@ -18,10 +18,10 @@ use tokio_util::sync::CancellationToken;
 /// Between the end of a child and its next start.
 const RESTART_WAIT: Duration = Duration::from_secs(1);
 
-/// How long a child may take to end by itself when it is asked to.
+/// Maximum time for a child to end by itself when it is asked to.
 const END_TIME_MAX: Duration = Duration::from_secs(2);
 
-/// How a child is started.
+/// The command that starts a child.
 #[derive(Clone, Debug)]
 pub(crate) struct ChildCommand {
     pub name: String,
@@ -30,17 +30,17 @@ pub(crate) struct ChildCommand {
     pub environment: Vec<(OsString, OsString)>,
 }
 
-/// What has become of a child so far.
+/// The state of a child.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ChildState {
     pub name: String,
     pub pid: Option<u32>,
     pub restarts: u64,
-    /// How it ended the last time.
+    /// The way in which it ended the last time.
     pub last_end: Option<String>,
 }
 
-/// What is called with each line that a child writes to its standard output.
+/// A callback for each line that a child writes to its standard output.
 pub(crate) type OnLine = Arc<dyn Fn(&str) + Send + Sync>;
 
 /// Children on a thread of their own; dropping it ends them.
@@ -76,7 +76,7 @@ impl Supervisor {
         Ok(Self { states, stop, thread: Some(thread) })
     }
 
-    /// What has become of the children so far.
+    /// Returns the present states of the children.
     pub fn states(&self) -> Vec<ChildState> {
         self.states.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }

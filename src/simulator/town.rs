@@ -6,8 +6,8 @@
 //!   surface ── wall, roof ── building, landmark, tree, lamp, boat ─┤── block, quay, water ── glb
 //! ```
 //!
-//! The same blocks and seed give the same bytes on every machine: the stream of random numbers is
-//! written here, angles are summed from series, and positions are multiples of 1/1024 m. Lengths
+//! Equal blocks and an equal seed give equal bytes on every machine: the stream of random numbers
+//! is written here, angles are summed from series, and positions are multiples of 1/1024 m. Lengths
 //! are metres, +Y is up, the sea lies towards +Z and is y = 0.
 //!
 //! **Invariant:** this module knows no other module of the package.
@@ -53,7 +53,7 @@ pub const BLOCKS_MAX: u32 = 128;
 /// A church stands in every square of this many blocks.
 const PARISH: i32 = 8;
 
-/// Which town.
+/// The options of a town.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TownOptions {
     /// Blocks of 40 m along each side, 1 to [`BLOCKS_MAX`].
@@ -89,7 +89,7 @@ impl TownOptions {
 pub enum TownError {
     /// The number of blocks is out of range.
     Blocks {
-        /// What was asked for.
+        /// The number that was given.
         blocks: u32,
     },
     /// A texture could not be encoded.
@@ -173,7 +173,7 @@ pub fn generate(options: &TownOptions) -> Result<Vec<u8>, TownError> {
     file.finish(&roots)
 }
 
-/// Whether a block is a church's square: one in every parish, a little right of its middle.
+/// Returns whether a block is a church's square: one in every parish, a little right of its middle.
 fn has_church(size: i32, [column, row]: [i32; 2]) -> bool {
     let parish = size.min(PARISH);
     let middle = [parish / 2, parish - 1 - parish / 4];

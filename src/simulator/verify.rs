@@ -135,11 +135,11 @@ impl Walls<'_> {
 pub(crate) struct ReferenceScene {
     /// An absolute path.
     pub file: PathBuf,
-    /// What to look at, where it is not the whole scene.
+    /// The part to look at, if not the whole scene.
     pub focus: Option<Bounds>,
 }
 
-/// What all parts of a proof are made with.
+/// The context that all parts of a verification share.
 struct Verifier<'a> {
     shown: ReferenceScene,
     /// For scenes that it makes itself.

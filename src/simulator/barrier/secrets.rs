@@ -1,4 +1,4 @@
-//! What the peers of a measured barrier show to its manager: a token, or keys made for it.
+//! The secrets by which peers of a measured barrier authenticate: a token, or keys made for it.
 
 use std::path::PathBuf;
 
@@ -34,7 +34,7 @@ impl Secrets {
         Secret(if self.0.is_some() { String::new() } else { TOKEN.to_owned() })
     }
 
-    /// Where a node's keys are, if any.
+    /// Returns the folder of a node's keys, if there are keys.
     pub fn folder(&self, node: &NodeIdentity) -> Option<PathBuf> {
         self.0.as_ref().map(|folder| folder.path().join(node.folder()))
     }

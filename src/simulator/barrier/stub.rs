@@ -34,12 +34,12 @@ pub(super) struct Sizes {
     pub shown: usize,
 }
 
-/// What one server has seen, in a list of its own: one that all share would cost them more than
-/// the messages do, and the raw barrier has none.
+/// The log of one server, in a list of its own: a list that all share would cost them more than the
+/// messages do, and the raw barrier has none.
 #[derive(Debug, Default)]
 struct StubLog {
     sizes: Sizes,
-    /// When it received the swap of each frame.
+    /// The time at which it received the swap of each frame.
     swaps: Vec<(FrameId, Instant)>,
 }
 
@@ -49,7 +49,7 @@ pub(super) struct Stubs {
     threads: Vec<JoinHandle<StubLog>>,
 }
 
-/// What the stub servers have seen, once they have ended.
+/// The logs of the stub servers, once they have ended.
 #[derive(Debug)]
 pub(super) struct StubTimings(Vec<StubLog>);
 

@@ -21,7 +21,7 @@ pub(crate) struct RunInfo {
     pub command: String,
     /// The version of the program.
     pub version: &'static str,
-    /// When the run began, in UTC.
+    /// The start of the run, in UTC.
     pub date: String,
     /// The processor, as the system calls it.
     pub processor: String,
@@ -99,7 +99,7 @@ pub(crate) struct SceneReport {
     pub run: RunInfo,
     /// From full detail to the largest bound, on one channel.
     pub(super) bounds: Vec<BoundReport>,
-    /// The same wall without anything to draw: the camera looks away from the scene.
+    /// The costs of the wall without anything to draw: the camera looks away from the scene.
     pub(super) empty_frame: Option<FrameCosts>,
     /// The geometry at full detail in one colour: without materials and lights.
     pub(super) flat_frame: Option<FrameCosts>,

@@ -1,7 +1,7 @@
 //! A way between one server and its manager that can be hurt.
 //!
-//! What comes in on one side goes out on the other, in order, after the delay in force. Only
-//! servers whose connections are to be hurt go through one: the others' way stays as it is.
+//! Bytes that come in on one side go out on the other, in order, after the delay in force. Only
+//! servers with faults of their connections go through a proxy; the others connect directly.
 
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
@@ -37,12 +37,12 @@ struct Shared {
     changed: Condvar,
 }
 
-/// How the way is now.
+/// The present state of the link.
 #[derive(Debug, Default)]
 struct LinkState {
     delay: Duration,
     unplugged_until: Option<Instant>,
-    /// Whether the next piece of a control connection is to be changed: up, down.
+    /// `true` if the next piece of a control connection is to be changed: up, down.
     corrupt: [bool; 2],
     open: BTreeMap<u64, Connection>,
     next: u64,
@@ -90,7 +90,7 @@ impl FaultProxy {
         Ok(Self { address, state })
     }
 
-    /// What its server takes for the manager.
+    /// Returns the address that its server connects to instead of the manager's.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
@@ -176,10 +176,10 @@ fn open(server: TcpStream, manager: SocketAddr, shared: &Arc<Shared>) -> std::io
     Ok(())
 }
 
-/// What takes in the bytes of one direction of a connection.
+/// The reader of one direction of a connection.
 struct Reader {
     direction: Direction,
-    /// Whether the connection is a server's second one; known once its first bytes have come.
+    /// `true` if the connection is a server's second one; known once its first bytes have come.
     is_bulk: Arc<AtomicBool>,
     shared: Arc<Shared>,
 }

@@ -1,4 +1,4 @@
-//! What is to go wrong in a simulated wall, and when: the grammar of `--fault`.
+//! Plans of faults in a simulated wall: the grammar of `--fault`.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ const TIME_MAX: Duration = Duration::from_hours(1);
 /// Slowest drawing and longest way that can be asked for: beyond it nothing would be learnt.
 const DELAY_MAX: Duration = Duration::from_mins(1);
 
-/// What is to go wrong, when and where.
+/// A fault with its trigger and its channel.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Fault {
     when: FaultTrigger,
@@ -31,7 +31,7 @@ enum FaultTrigger {
     Every { frames: u64, from: u64 },
 }
 
-/// What goes wrong with a channel, its server or its connections.
+/// The kind of a fault of a channel, its server or its connections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FaultKind {
     /// Its server's process is killed.
@@ -48,7 +48,7 @@ pub(crate) enum FaultKind {
     Cut,
     /// Nothing passes on its connections for this long, and nothing is closed.
     Unplug(Duration),
-    /// What its connections carry takes this much longer in each direction.
+    /// Bytes on its connections take this much longer in each direction.
     Delay { by: Duration, length: Option<Duration> },
 }
 
@@ -61,7 +61,7 @@ impl Fault {
         }
     }
 
-    /// Whether it happens behind this frame of the run, the first being 1.
+    /// Returns whether it happens after this frame of the run, the first being 1.
     pub fn is_due(&self, frame: u64) -> bool {
         match self.when {
             FaultTrigger::At(at) => frame == at,
@@ -71,15 +71,15 @@ impl Fault {
         }
     }
 
-    /// Whether it may hit this channel.
+    /// Returns whether it may hit this channel.
     pub fn may_hit(&self, channel: &str) -> bool {
         self.channel == "any" || self.channel == channel
     }
 
-    /// Whether the wall has what it is to hit.
+    /// Checks that the wall has the channel that it is to hit.
     ///
     /// # Errors
-    /// What the wall has instead.
+    /// The wall has no such channel; the error lists those that it has.
     pub fn check(&self, wall: &Wall) -> Result<(), String> {
         if self.channel == "any" || wall.channels.iter().any(|c| c.name == self.channel) {
             return Ok(());
@@ -98,12 +98,12 @@ impl Fault {
 }
 
 impl FaultKind {
-    /// Whether it happens on the way between manager and server.
+    /// Returns whether it happens to the connections of manager and server.
     pub fn is_of_network(self) -> bool {
         matches!(self, Self::Corrupt { .. } | Self::Cut | Self::Unplug(_) | Self::Delay { .. })
     }
 
-    /// How long it lasts by itself: `None` where it lasts, or is over at once.
+    /// Returns the time after which it ends by itself; `None` if it lasts, or is over at once.
     pub fn length(self) -> Option<Duration> {
         match self {
             Self::Stop(length) | Self::Unplug(length) => Some(length),
@@ -112,7 +112,7 @@ impl FaultKind {
         }
     }
 
-    /// Whether it lasts until the end of the run.
+    /// Returns whether it lasts until the end of the run.
     pub fn lasts(self) -> bool {
         matches!(self, Self::Slow { length: None, .. } | Self::Delay { length: None, .. })
     }

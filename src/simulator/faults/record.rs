@@ -1,4 +1,4 @@
-//! What faults did to a wall, as the feedback of its frames tells.
+//! Records of the effects of faults on a wall, from the feedback of its frames.
 
 use std::time::{Duration, Instant};
 
@@ -8,28 +8,30 @@ use serde::{Serialize, Serializer};
 /// Faults that are recorded; a run of a million frames with one every hundred has as many.
 const RECORDED_MAX: usize = 10_000;
 
-/// How long the others are watched at least: what a fault does to them it has done by then.
+/// Minimum time for which the other channels are watched: any effect of a fault on them comes
+/// within it.
 const WATCH_MIN: Duration = Duration::from_secs(1);
 
-/// What one fault did. Times are in milliseconds since it happened, seen where frames are
-/// ordered: an event is as exact as the frame that tells of it.
+/// The effects of one fault. Times are in milliseconds since it happened, measured where frames are
+/// requested: an event is as exact as the frame that reports it.
 #[derive(Debug, Serialize)]
 pub(crate) struct FaultRecord {
     /// The frame of the run behind which it happened, the first being 1.
     pub frame: u64,
-    /// As it was written, without frame and channel.
+    /// The fault as it was written, without frame and channel.
     pub what: String,
     /// The channel that was hit.
     pub channel: String,
     /// Why it was not done, where it could not be.
     pub skipped: Option<String>,
-    /// When it ended by itself: the process was started again or continued, the time was over.
+    /// The time at which it ended by itself: the process was restarted or continued, or its time
+    /// was over.
     #[serde(serialize_with = "millis")]
     pub over_ms: Option<Duration>,
-    /// When the channel first drew a frame in time again; 0 where it always did.
+    /// The time at which the channel first drew a frame in time again; 0 if it always did.
     #[serde(serialize_with = "millis")]
     pub drew_again_ms: Option<Duration>,
-    /// When the channel was live again; 0 where it always was, `null` where it never was.
+    /// The time at which the channel was live again; 0 if it always was, `null` if it never was.
     #[serde(serialize_with = "millis")]
     pub live_again_ms: Option<Duration>,
     /// The states that the channel went through, as far as frames saw them.
@@ -98,14 +100,14 @@ pub(crate) struct FaultEvent {
     pub end: FaultEnd,
 }
 
-/// How a fault ends.
+/// The end of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FaultEnd {
     /// At once: what follows is its consequence.
     AtOnce,
     /// After this time.
     After(Duration),
-    /// When the process was started again so many times in all.
+    /// At this restart of the process, counted over the whole run.
     Restart(u64),
     /// Not before the run does.
     Never,
@@ -210,7 +212,7 @@ impl FaultRecorder {
         }
     }
 
-    /// What all faults did; the run is over.
+    /// Returns the records of all faults, once the run is over.
     pub fn finish(self) -> Vec<FaultRecord> {
         self.records
     }

@@ -1,4 +1,4 @@
-//! What stands on a block: houses around a court, trees, lamps; or a church; or open land.
+//! The content of a block: houses around a court, trees, lamps; or a church; or open land.
 
 use glam::{Vec3, vec3};
 

@@ -8,14 +8,14 @@ use super::material::Material;
 use super::roof::Roof;
 use super::surface::{Extent, Hidden, LocalFrame, Model};
 
-/// How far a house's plinth reaches into the ground, in metres: more than a block's fall.
+/// Depth of a house's plinth in the ground, in metres: more than a block's fall.
 const FOUNDATION: f32 = 4.5;
 /// Height of the plinth above the door's threshold.
 const PLINTH: f32 = 0.5;
 /// From floor to floor.
 const STOREY: f32 = 2.9;
 
-/// What lies on top.
+/// The shape of a roof.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum RoofKind {
     /// The ridge runs along the street.
@@ -26,7 +26,7 @@ enum RoofKind {
     Flat,
 }
 
-/// Where in the town a design is at home.
+/// The part of the town that a design belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Quarter {
     /// Tall and narrow, at the water.

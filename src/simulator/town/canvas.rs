@@ -8,14 +8,14 @@ use super::TownError;
 use super::heightfield::smooth;
 use super::random::lattice;
 
-/// What a painted point is like.
+/// The properties of a painted point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Texel {
     /// sRGB, each in [0, 1].
     pub color: Vec3,
     /// 0 is see-through, 1 opaque.
     pub alpha: f32,
-    /// How far it stands out, in widths of a texel.
+    /// Height above the surface, in widths of a texel.
     pub height: f32,
     /// Perceptual roughness.
     pub roughness: f32,

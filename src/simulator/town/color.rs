@@ -17,7 +17,7 @@ pub(super) fn srgb(hex: u32) -> Color {
     Color::new(linear(16), linear(8), linear(0))
 }
 
-/// As a vertex holds it: normalised bytes, opaque.
+/// Returns the colour as a vertex holds it: normalised bytes, opaque.
 pub(super) fn bytes(color: Color) -> [u8; 4] {
     let byte = |c: f32| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
     [byte(color.x), byte(color.y), byte(color.z), 255]

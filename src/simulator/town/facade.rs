@@ -8,7 +8,8 @@ use super::random::lattice;
 
 const SIDE: u32 = 256;
 
-/// Where a point lies in a bond of bricks: the brick, and the distance in from its edge in rows.
+/// The position of a point in a bond of bricks: the brick, and the distance in from its edge in
+/// rows.
 struct Bond {
     brick: [i32; 2],
     inset: f32,

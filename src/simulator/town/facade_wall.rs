@@ -6,7 +6,7 @@ use super::color::Color;
 use super::material::Material;
 use super::surface::{Extent, Hidden, LocalFrame, Model};
 
-/// How deep a window sits in its wall, in metres.
+/// Depth of a window in its wall, in metres.
 const RECESS: f32 = 0.14;
 /// Height up to which walls are darkened by the ground, in metres.
 const GRIME: f32 = 0.98;

@@ -47,7 +47,7 @@ impl Pool {
     }
 }
 
-/// Where something stands: metres, turns about +Y, factors of size.
+/// The placement of an object: metres, turns about +Y, factors of size.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Placement {
     pub translation: Vec3,
@@ -75,7 +75,8 @@ pub(super) struct Node {
     pub mesh: Option<usize>,
     pub light: Option<usize>,
     pub children: Vec<usize>,
-    /// Where copies of the mesh stand, relative to the node; none is the node itself.
+    /// The placements of copies of the mesh, relative to the node; if empty, the node itself has
+    /// the mesh.
     pub instances: Vec<Placement>,
     /// Turns about +X before it is turned about +Y: raises what it faces.
     pub tilt: f32,
@@ -207,7 +208,7 @@ impl Glb {
         json!([{ "channels": channels, "name": "waves", "samplers": samplers }])
     }
 
-    /// How many nodes there are.
+    /// Returns the number of nodes.
     pub fn node_count(&self) -> usize {
         self.nodes.len()
     }

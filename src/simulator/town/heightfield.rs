@@ -12,7 +12,7 @@ use super::random::lattice;
 pub(super) const BLOCK: f32 = 40.0;
 /// Height of the first street and of the quay above the sea.
 pub(super) const QUAY_HEIGHT: f32 = 1.625;
-/// Where the ground ends, below the sea.
+/// Height at which the ground ends, below the sea.
 const SEABED: f32 = -5.0;
 
 /// The shape of the land.
@@ -84,7 +84,7 @@ impl Heightfield {
     }
 }
 
-/// How many cells of open land surround the town.
+/// Returns the number of cells of open land on each side of the town.
 pub(super) fn rim_cells(blocks: u32) -> i32 {
     2 + (blocks / 16) as i32
 }

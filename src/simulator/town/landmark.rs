@@ -1,4 +1,4 @@
-//! What one finds one's way by: the church on its square and the lighthouse on the mole.
+//! The landmarks of the town: the church on its square and the lighthouse on the mole.
 
 use glam::{Vec3, vec3};
 

@@ -6,7 +6,7 @@ use super::canvas::Canvas;
 use super::glb::Glb;
 use super::{TownError, facade, ground_textures};
 
-/// What a surface is made of; the order is that of the file's materials.
+/// The materials of surfaces, in the order of the file's materials.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Material {
     /// Tinted walls.
@@ -35,7 +35,7 @@ pub(super) enum Material {
     Canvas,
     /// Lamp posts, bollards.
     Iron,
-    /// What glows.
+    /// Glowing glass.
     Lantern,
 }
 
@@ -62,12 +62,12 @@ impl Material {
         self as usize
     }
 
-    /// Whether vertices tint it.
+    /// Returns whether vertices tint it.
     pub fn is_tinted(self) -> bool {
         !matches!(self, Self::Window | Self::Iron | Self::Lantern)
     }
 
-    /// Whether it has a texture, so that vertices need coordinates.
+    /// Returns whether it has a texture, so that vertices need coordinates.
     pub fn is_textured(self) -> bool {
         !matches!(self, Self::Canvas | Self::Iron | Self::Lantern)
     }
@@ -116,7 +116,7 @@ impl Material {
         }
     }
 
-    /// What is painted for it.
+    /// Returns its painted texture; `None` if it has none.
     fn canvas(self) -> Option<Canvas> {
         match self {
             Self::Plaster => Some(facade::plaster()),

@@ -14,7 +14,7 @@ use super::{TownExtras, boat, landmark};
 
 /// From the first street to the water, in metres.
 const APRON: f32 = 8.0;
-/// How far walls reach below the sea.
+/// Height at which walls end, below the sea.
 const DEEP: f32 = -4.0;
 const MOLE_LENGTH: f32 = 62.0;
 const MOLE_WIDTH: f32 = 6.0;
@@ -198,7 +198,7 @@ fn light_up(
     })
 }
 
-/// Which harbour.
+/// The options of a harbour.
 #[derive(Debug)]
 pub(super) struct Harbour {
     pub blocks: u32,

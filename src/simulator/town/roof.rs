@@ -7,9 +7,9 @@ use super::facade_wall::{FacadeWall, Opening};
 use super::material::Material;
 use super::surface::{Extent, Hidden, LocalFrame, Model};
 
-/// How far a roof reaches beyond the walls, in metres.
+/// Distance by which a roof reaches beyond the walls, in metres.
 const EAVES: f32 = 0.38;
-/// How far it reaches beyond a gable.
+/// Distance by which it reaches beyond a gable.
 const VERGE: f32 = 0.16;
 /// Its thickness.
 const THICK: f32 = 0.16;

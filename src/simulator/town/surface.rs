@@ -75,7 +75,7 @@ impl LocalFrame {
         self.origin + self.right * x + self.up * y + self.out * z
     }
 
-    /// The same axes with another origin, given in the frame.
+    /// Returns a frame with the same axes and another origin, given in this frame.
     pub fn moved(&self, x: f32, y: f32, z: f32) -> Self {
         Self { origin: self.point(x, y, z), ..*self }
     }
@@ -89,7 +89,7 @@ pub(super) struct Extent {
     pub z: [f32; 2],
 }
 
-/// Which of a box's faces are hidden for ever and left out.
+/// The faces of a box that can never be seen and are left out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Hidden {
     /// All faces can be seen.

@@ -7,13 +7,14 @@ use super::heightfield::{BLOCK, Heightfield, QUAY_HEIGHT, smooth};
 use super::material::Material;
 use super::surface::{MeshBuffer, Model};
 
-/// Where a cell is cut, in metres from its middle; every cell alike, so that neighbours share the
-/// corners on their border. Half a street, the pavement, the lot in four strips, and back.
+/// Lines that cut a cell, in metres from its middle. All cells are cut alike, so that neighbours
+/// share the corners on their border: half a street, the pavement, the lot in four strips, and
+/// back.
 pub(super) const LINES: [f32; 9] = [-20.0, -17.25, -15.5, -7.75, 0.0, 7.75, 15.5, 17.25, 20.0];
 /// The pavement's height above the street.
 pub(super) const CURB: f32 = 0.14;
 
-/// What a cell carries.
+/// The use of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum GroundCover {
     /// Houses and gardens.
@@ -134,7 +135,7 @@ fn lay(
     }
 }
 
-/// Whether nothing of a quadrilateral comes near the surface of the sea.
+/// Returns whether a quadrilateral lies wholly well below the surface of the sea.
 fn is_drowned(ground: &Heightfield, origin: Vec3, i: usize, j: usize) -> bool {
     [[i, j], [i + 1, j], [i, j + 1], [i + 1, j + 1]]
         .into_iter()

@@ -10,7 +10,7 @@ use super::{TownError, TownExtras, TownOptions, generate};
 /// of the PNG encoder, writes the new ones here, so that it does not happen unseen.
 const PINNED: (usize, u64) = (2651168, 0xd93b_f9fd_0bca_5cf5);
 
-/// The same of the town that has everything besides.
+/// Bytes and FNV-1a of the town of two blocks and seed 1 with all extras.
 const PINNED_WITH_ALL: (usize, u64) = (2666492, 0x1159_83eb_536b_283d);
 
 const ALL: TownExtras = TownExtras { has_open_sea: true, has_waves: true, is_dusk: true };

@@ -8,7 +8,7 @@ use super::random::{Random, lattice};
 use super::surface::Model;
 use super::trig::{about_up, sin_cos};
 
-/// What grows.
+/// The kinds of trees.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Tree {
     /// A round crown of closed geometry.

@@ -16,13 +16,13 @@ const STRIPS: usize = 4;
 const MARGIN: i32 = 1;
 /// From the middle to the end of the open sea, in metres: as far as one sees from a hill of 20 m.
 const HORIZON: f32 = 16_384.0;
-/// How far the open sea reaches under the tiles, and how much lower it lies, in metres.
+/// Metres by which the open sea reaches under the tiles, and by which it lies lower.
 const UNDER: f32 = 4.0;
 const LOWER: f32 = 0.0625;
 /// Beyond this distance from the land all tiles are one mesh.
 const SHOAL: f32 = 100.0;
 
-/// How far a place is from the coast, roughly: 0 on land.
+/// Returns the approximate distance of a point from the coast, in metres: 0 on land.
 fn offshore(ground: &Heightfield, x: f32, z: f32) -> f32 {
     // The coast lies about a third into the rim; before the town it is the quay's edge.
     let beside = (x.abs() - ground.half_width - ground.rim * 0.35).max(0.0);
@@ -60,7 +60,7 @@ fn tile(color: impl Fn(f32, f32) -> Color) -> Model {
     model
 }
 
-/// Whether a tile lies wholly under the land.
+/// Returns whether a tile lies wholly under the land.
 fn is_inland(ground: &Heightfield, middle: Vec3) -> bool {
     (0..=8).all(|j| {
         (0..=8).all(|i| {

@@ -26,7 +26,8 @@ impl Fields {
     /// Draws them on a wall that runs; the scenes go to this folder.
     ///
     /// # Errors
-    /// What could not be written or drawn, with the channel that has no picture.
+    /// A file could not be written or a field not drawn; the error names a channel without a
+    /// picture.
     pub fn draw(client: &Client, wall: &Wall, folder: &Path) -> anyhow::Result<Self> {
         let mut captures = Vec::with_capacity(GREYS.len());
         outputs::make_folder(folder)?;

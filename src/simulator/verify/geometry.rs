@@ -1,4 +1,4 @@
-//! Where markers are found on all channels of a wall that runs, against where they must be.
+//! Positions of markers on all channels of a running wall, against those that f64 computes.
 
 use std::path::Path;
 
@@ -18,13 +18,13 @@ use super::verification_report::{Bound, VerificationReport};
 use crate::outputs;
 use crate::progress::Steps;
 
-/// How far a point may be from where f64 says, in pixels.
+/// Maximum distance of a point from where f64 places it, in pixels.
 const ERROR_MAX_PX: f64 = 0.01;
 
-/// The same where a picture is resampled: by a warp, between the pixels of its source.
+/// Maximum distance of a point if a picture is resampled: by a warp, between its source's pixels.
 const WARPED_ERROR_MAX_PX: f64 = 0.1;
 
-/// How far apart two channels may show one point, in pixels.
+/// Maximum distance between the positions at which two channels show one point, in pixels.
 const SEAM_MAX_PX: f64 = 0.05;
 
 /// By how much more a point may be off in one frame than in the one before, in pixels.
@@ -39,7 +39,7 @@ const HALF_MIN_PX: f64 = 4.0;
 /// Scenes of markers that are drawn.
 pub(super) const SCENES: usize = OFFSETS_M.len();
 
-/// How far from the origin scenes are put, in metres.
+/// Distances from the origin at which scenes are placed, in metres.
 const OFFSETS_M: [f64; 3] = [0.0, 1e4, 1e7];
 
 /// Frames of a slow move, and how far each is from the one before: metres for each metre from the
@@ -67,19 +67,19 @@ pub(super) struct ChannelView<'a> {
     is_warped: bool,
 }
 
-/// Where one channel showed a marker, in pixels from where it must be.
+/// The error of a marker's position on one channel, in pixels.
 struct MarkerError {
     channel: usize,
     marker: usize,
     error_px: DVec2,
-    /// The same as a way along the screen, in pixels of the channel and display space's axes.
+    /// The error along the screen, in pixels of the channel and in the axes of display space.
     error_in_display: DVec3,
 }
 
 /// Proves where channels show points, for scenes near and far from the origin.
 ///
 /// # Errors
-/// What could not be drawn or written.
+/// A scene could not be written, or not be drawn.
 pub(super) fn verify(
     client: &Client,
     (shaped, drawn): (ResolvedWall<'_>, Drawn<'_>),
@@ -151,7 +151,7 @@ pub(super) fn channels(shaped: ResolvedWall<'_>) -> Vec<ChannelView<'_>> {
     wall.channel_ids().filter_map(seen).filter(|seen| seen.half >= HALF_MIN_PX).collect()
 }
 
-/// Whether a channel's picture is resampled on its way to the display.
+/// Returns whether a channel's picture is resampled on its way to the display.
 pub(super) fn is_warped(wall: &Wall, channel: &Channel) -> bool {
     let adjustment = &channel.adjustment;
     wall.screen_of(channel).plane().is_none()

@@ -32,16 +32,16 @@ pub(super) fn eye_of(adjustment: &ChannelCalibration) -> Eye {
     if adjustment.packing == StereoPacking::None { adjustment.eye } else { Eye::Left }
 }
 
-/// What a channel's light goes through.
+/// The correction of a channel's light.
 #[derive(Clone, Debug)]
 pub(super) struct Correction {
-    /// What its colours make of white.
+    /// The light of its corrected white.
     white: DVec3,
-    /// What it has of the light, by blends and by its files.
+    /// The factors and addends of its light, from blends and files.
     map: Option<BlendMap>,
 }
 
-/// What each channel's light goes through; made once, as it takes a while.
+/// Returns the correction of each channel's light; made once, as it takes a while.
 pub(super) fn corrections(shaped: ResolvedWall<'_>, files: &CalibrationMaps) -> Vec<Correction> {
     let blend = BlendModel::new(shaped);
     let map = |id: ChannelId| {

@@ -19,10 +19,10 @@ const SIGMA: f64 = 0.22;
 /// Steps to the pixel that shows a point: four are enough for a plane.
 const NEWTON_STEPS: usize = 24;
 
-/// How often a step to that pixel is halved that leads away from it.
+/// Maximum number of times that a step to that pixel is halved if it leads away from it.
 const HALVINGS: u32 = 6;
 
-/// What of a marker is summed, its half side being 1.
+/// Radius within which a marker's light is summed, its half side being 1.
 const RADIUS: f64 = 0.8;
 
 /// Pixels of the marker's image.
@@ -43,9 +43,9 @@ const LIKE_MIN: f64 = 0.9;
 pub(crate) struct Marker {
     /// The channel that it was made for.
     pub channel: ChannelId,
-    /// Where its middle is in that channel's picture; nowhere where there is none.
+    /// The position of its middle in that channel's picture; (0, 0) if it was made for none.
     pub pixel: DVec2,
-    /// Whether it lies on the screen, where all eyes see it at one place.
+    /// `true` if it lies on the screen, where all eyes see it at one place.
     pub is_on_screen: bool,
     center: DVec3,
     /// From the middle to the right edge, and to the upper one.
@@ -61,7 +61,7 @@ pub(crate) struct LuminanceImage {
     pub grey: Vec<f32>,
 }
 
-/// What a channel's picture tells of a marker.
+/// The reading of a marker from a channel's picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Reading {
     /// By how many pixels it is from where it must be.
@@ -75,7 +75,7 @@ pub(crate) enum Reading {
 /// From an eye, in a direction.
 pub(crate) type Ray = (DVec3, DVec3);
 
-/// What the pixels of a channel see through its screen.
+/// Returns the function from pixels of a channel to the rays through its screen.
 pub(crate) fn sight(
     map: &ChannelMapping<'_>,
     eye: impl Into<Viewpoint>,
@@ -125,8 +125,8 @@ impl Marker {
         Some(Self { channel, pixel, is_on_screen, center, right, up: -down })
     }
 
-    /// How far the marker is from `around`, where it must be, in the picture of a channel that is
-    /// seen so while the marker has moved by `offset` metres.
+    /// Returns the offset of the marker from `around`, its expected position, in the picture of a
+    /// channel with this sight, while the marker has moved by `offset` metres.
     pub fn read(
         &self,
         sight: impl Fn(DVec2) -> Option<Ray>,
@@ -220,12 +220,13 @@ impl Marker {
         (toward, toward.distance(corner))
     }
 
-    /// How far its plane is from an eye, in metres.
+    /// Returns the distance of its plane from an eye, in metres.
     pub fn distance_m(&self, eye: DVec3) -> f64 {
         self.right.cross(self.up).normalize().dot(self.center - eye).abs()
     }
 
-    /// Where a ray meets the marker: (±1, ±1) are its corners.
+    /// Returns the point where a ray meets the marker: (±1, ±1) are its corners. `None` if the
+    /// marker is behind the eye or parallel to the ray.
     pub fn place(&self, (eye, direction): Ray, offset: DVec3) -> Option<DVec2> {
         let normal = self.right.cross(self.up);
         let center = self.center + offset;
@@ -297,8 +298,8 @@ impl Likeness {
     }
 }
 
-/// How many half sides of a marker a pixel spans where its picture is narrowest: the largest
-/// singular value of this matrix.
+/// Returns the number of a marker's half sides that a pixel spans where its picture is narrowest:
+/// the largest singular value of this matrix.
 fn narrowness(place_from_pixel: DMat2) -> f64 {
     let (a, b) = (place_from_pixel.x_axis, place_from_pixel.y_axis);
     let (sum, product) = (a.length_squared() + b.length_squared(), a.perp_dot(b));

@@ -22,7 +22,7 @@ const SHARED_LEVELS: u8 = 2;
 /// Share of pixels that must keep that.
 const SHARED_MIN: f64 = 0.999;
 
-/// How two pictures differ, over the pixels that were compared.
+/// The difference between two pictures, over the pixels that were compared.
 #[derive(Clone, Copy, Debug, Default)]
 struct Difference {
     pixels: u64,
@@ -32,8 +32,8 @@ struct Difference {
     beyond_eight: u64,
 }
 
-/// Whether a screen can be shown by one channel for comparison: planar, seen by one eye, and of
-/// channels whose pixels are those of the canvas.
+/// Returns whether a screen can be shown by one channel for comparison: planar, seen by one eye,
+/// and of channels whose pixels are those of the canvas.
 pub(super) fn can_judge(wall: &Wall, index: u16) -> bool {
     let screen = &wall.screens[usize::from(index)];
     let is_whole_pixel = |channel: &Channel| {
@@ -113,8 +113,8 @@ pub(super) fn compare(
     Ok(picture)
 }
 
-/// What the wall shows of each code of red, green and blue of a single picture: black as light as
-/// where most of it leaks, and white as it is.
+/// Returns the codes that the wall shows for each code of red, green and blue of a single picture:
+/// black is as light as the place where most leaks, and white stays as it is.
 fn lifted(wall: &Wall) -> [Vec<u8>; 3] {
     let lift = |black: f64, code: u8| {
         let light = linear_from_srgb(f64::from(code) / 255.0);
@@ -156,7 +156,7 @@ impl Difference {
 /// The picture of a screen in a capture.
 ///
 /// # Errors
-/// Where it is missing.
+/// The capture has no picture of the screen.
 pub(super) fn screen_of(
     capture: &polyptych_client::Capture,
     name: &str,

@@ -1,4 +1,4 @@
-//! What was proved: a row for each measure, with what it came to and what it must keep.
+//! The report of a verification: a row for each measure, with its value and its target.
 
 use std::fmt;
 
@@ -14,17 +14,17 @@ pub(crate) struct VerificationReport {
 /// One measure.
 #[derive(Debug, Serialize)]
 pub(crate) struct Measurement {
-    /// What was measured, and where.
+    /// The measure and its place.
     pub what: String,
-    /// What it came to; `None`: it could not be measured, which keeps no target.
+    /// The measured value; `None`: it could not be measured, which keeps no target.
     pub measured: Option<f64>,
-    /// Of `measured` and `target`.
+    /// The unit of `measured` and `target`.
     pub unit: &'static str,
     /// The most, or the least, that it may come to; `None`: it is told, not judged.
     pub target: Option<Bound>,
-    /// Where it was worst, or why there is nothing to measure.
+    /// The place of the worst value, or the reason why there is nothing to measure.
     pub note: String,
-    /// Whether the target is kept.
+    /// `true` if the target is kept.
     pub is_kept: bool,
 }
 
@@ -135,8 +135,8 @@ fn short(number: f64) -> String {
     format!("{number:.6}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// What the rows of this kind mean, for whoever reads the table for the first time; with the
-/// beginning of `what` that they share.
+/// Returns the beginning of `what` that rows of this kind share, and their meaning, for people who
+/// read the table for the first time.
 fn meaning(what: &str) -> Option<(&'static str, &'static str)> {
     const MEANINGS: [(&str, &str); 17] = [
         ("points in views", "the same in a camera's own picture that lies on a screen"),

@@ -15,7 +15,7 @@ use super::marker::{self, LuminanceImage, Marker, Ray, Reading};
 use super::verification_report::{Bound, VerificationReport};
 use crate::outputs;
 
-/// How far a point of a view may be from where f64 says, in pixels.
+/// Maximum distance of a point of a view from where f64 places it, in pixels.
 const ERROR_MAX_PX: f64 = 0.05;
 
 /// From the lower to the upper edge of a view's picture, in radians.
@@ -24,7 +24,7 @@ const FIELD_RAD: f64 = 0.5;
 /// A view is no wider than this many heights: it shows what a lens does.
 const ASPECT_MAX: f64 = 2.0;
 
-/// How far apart cameras are, and how far from the wall's own, in metres: none sees the markers of
+/// Distance between cameras, and of each from the wall's own, in metres: none sees the markers of
 /// another one.
 const APART_M: f64 = 1e4;
 
@@ -32,8 +32,8 @@ const APART_M: f64 = 1e4;
 const COUNT: u32 = 3;
 const HALF_SHARE: f64 = 0.1;
 
-/// How far markers are from their camera, in nearest distances that are drawn, and in metres at
-/// least.
+/// Distance of markers from their camera, in nearest distances that are drawn, and the minimum in
+/// metres.
 const DISTANCE: (f64, f64) = (10.0, 4.0);
 
 /// Places of a channel, across and down, from which a marker is looked for: where the canvas comes
@@ -55,7 +55,7 @@ struct Laid {
 /// Proves where channels show points of views with cameras of their own, one on each screen.
 ///
 /// # Errors
-/// What could not be drawn or written.
+/// A scene could not be written, or not be drawn.
 pub(super) fn prove(
     client: &Client,
     (shaped, drawn): (ResolvedWall<'_>, Drawn<'_>),
@@ -128,7 +128,7 @@ impl Laid {
         laid
     }
 
-    /// What is seen at a place of the picture, from (0, 0) at its upper left to (1, 1).
+    /// Returns the ray through a place of the picture, from (0, 0) at its upper left to (1, 1).
     fn ray(&self, place: DVec2) -> Ray {
         let at = DVec2::new(place.x - 0.5, 0.5 - place.y) * self.picture_m;
         (self.camera, at.extend(-1.0))
@@ -143,8 +143,8 @@ impl Laid {
         View { area, projection, ..View::of_wall(camera) }
     }
 
-    /// By how much each marker is off that a channel shows whole, and where; a number that is none
-    /// for one that is not there.
+    /// Returns the error in pixels of each marker that a channel shows whole, NaN for a missing
+    /// one, with the name of the channel.
     fn errors(&self, channel: &ChannelView<'_>, light: &LuminanceImage) -> Vec<(f64, String)> {
         let sight = |pixel: DVec2| {
             let canvas = channel.map.canvas_from_pixel(pixel)?;

@@ -21,8 +21,8 @@ use polyptych_wall::{
 use crate::simulator::verify::fields::{Fields, GREYS};
 use crate::simulator::verify::verification_report::{Bound, VerificationReport};
 
-/// How far off the field's light the light of overlaps may be at white: half a level there is
-/// 0.5 %, of two displays together up to twice that.
+/// Maximum error of the light of overlaps at white, relative to the field's light: half a level
+/// there is 0.5 %, of two displays together up to twice that.
 const WEIGHTS_MAX: f64 = 0.01;
 
 /// Codes may be off by half a level; the f32 of a GPU rounds some of them the other way.
@@ -39,15 +39,16 @@ const WINDOW: u32 = 4;
 /// other: both are lines and points, and less of a picture of more pixels.
 const WINDOWS_MIN: f64 = 0.995;
 
-/// The same where masks of files share the light: they may end it at the border of the wall.
+/// Minimum share of the canvas whose means keep the bound, if masks of files share the light: they
+/// may end it at the border of the wall.
 const MASKED_WINDOWS_MIN: f64 = 0.9;
 
-/// How far from a place of a mesh the light may come down that was thrown at it, in pixels of the
-/// canvas: further, and it falls on what stands before it.
+/// Maximum distance between a point of a mesh and the point that light thrown at it reaches, in
+/// pixels of the canvas: beyond it, the light falls on a part of the mesh in front of the point.
 const LAYER_PX: f64 = 1.0;
 
-/// How far around a pixel the same channels must light the canvas, in pixels, where each pixel is
-/// judged.
+/// Distance around a pixel within which the same channels must light the canvas, in pixels, for the
+/// pixel to be judged alone.
 const AROUND_PX: f64 = 1.5;
 
 /// Judges the light of all screens. `is_as_built`: the wall is the one that stands, whose matrices
@@ -105,13 +106,13 @@ struct LitChannel<'a> {
     /// From the light of codes to that of the display: it needs the matrix and gains of the wall
     /// as it was built, where somebody knows, because its light is what they undo.
     built: DMat3,
-    /// What its display shows of black, as a share of its white.
+    /// The light that its display shows of black, as a share of its white.
     leak: DVec3,
     /// Its light is cut by a file: how much, only who made that knows.
     is_masked: bool,
     /// Its pixels are the canvas's.
     is_exact: bool,
-    /// Of red, green and blue, those that its eye sees.
+    /// The axes of red, green and blue that its eye sees.
     axes: &'static [usize],
 }
 
@@ -184,7 +185,7 @@ impl LitChannel<'_> {
         around.any(|middle| self.pixels.display_from_pixel(middle).is_none())
     }
 
-    /// What it shows of black.
+    /// Returns the light that it shows of black.
     fn black(&self) -> DVec3 {
         self.built * self.leak
     }
@@ -223,7 +224,8 @@ fn spread(count: u32) -> impl Iterator<Item = u32> + Clone {
     (0..=steps).map(at)
 }
 
-/// How many light one place, at most, and the most black that they show of one.
+/// Returns the maximum number of channels that light one place, and the maximum light of their
+/// black.
 fn most(lamps: &[LitChannel<'_>], canvas: UVec2) -> (usize, DVec3) {
     let places = spread(canvas.y).flat_map(|y| spread(canvas.x).map(move |x| UVec2::new(x, y)));
     places.fold((0, DVec3::ZERO), |(most, black), place| {
@@ -258,14 +260,14 @@ struct WindowMeans {
     worst: WorstErrors,
 }
 
-/// What the pictures of flat fields come to.
+/// The results of the pictures of flat fields.
 #[derive(Default)]
 struct Sums {
     /// The most black that the wall shows of a place.
     all_black: DVec3,
     /// By how many levels a code may be off: half of one, and noise of another half.
     step: f64,
-    /// How many light one place, at most.
+    /// The maximum number of channels that light one place.
     most: usize,
     codes: WorstErrors,
     black: WorstErrors,
