@@ -1,5 +1,5 @@
-//! What a correction costs: one channel of 1920 × 1080 on a cylinder, with blend weights, against
-//! its scene; and what finer warp meshes cost and give.
+//! The cost of a correction: one channel of 1920 × 1080 on a cylinder, with blend weights, against
+//! its scene; and the costs and gains of finer warp meshes.
 //!
 //! `cargo bench --bench correction_cost -- SCENE.glb ...`. Kinds of frames are drawn in turn, so
 //! that a machine whose speed drifts spoils none.

@@ -1,4 +1,5 @@
-//! What tiling costs: a 2×2 wall against one channel of the same pixels, on one machine in one run.
+//! The cost of tiling: a 2×2 wall against one channel of the same pixels, on one machine in one
+//! run.
 //!
 //! `cargo bench --bench tile_cost [-- SCENE.glb ...]`; without a scene, the generated town. The two
 //! walls are run in turn, A B A B, so that a machine whose speed drifts spoils neither; the ratio

@@ -1,4 +1,4 @@
-//! How long a person who aligns a wall waits for what they see: one server with one channel of a
+//! The time that a person who aligns a wall waits to see a change: one server with one channel of a
 //! wall of projectors, as every machine of it has it.
 //!
 //! `cargo bench --bench tuning_latency [-- WALL.toml ...]`; without a wall, `dome-5` and
@@ -21,7 +21,7 @@ const TIMES: u32 = 5;
 /// A start that takes longer has failed.
 const START_TIME_MAX: Duration = Duration::from_mins(2);
 
-/// What is changed, and how in the n-th time.
+/// The name of a change, and the change itself for the n-th time.
 type Tuning = (&'static str, fn(f64) -> CalibrationChange);
 
 /// A process that ends with its measurement.

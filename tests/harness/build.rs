@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// What must be there.
+/// The folders that must be there.
 const FOLDERS: [&str; 2] = ["assets", "walls"];
 
 /// Ends well where Python can run the package of clients.

@@ -23,7 +23,7 @@ pub const SIZE: [u16; 2] = [1024, 768];
 /// A running X server; it ends with this.
 #[derive(Debug)]
 pub struct Display {
-    /// As `DISPLAY` names it.
+    /// The name for the variable `DISPLAY`.
     pub name: String,
     pub(super) connection: RustConnection,
     pub(super) root: Window,
@@ -47,7 +47,7 @@ impl Display {
         Self { name, connection, root, _server: server }
     }
 
-    /// What all windows together show.
+    /// Returns the picture of all windows together.
     pub fn screenshot(&self) -> RgbaImage {
         let [width, height] = SIZE;
         let (format, planes) = (ImageFormat::Z_PIXMAP, u32::MAX);
@@ -154,7 +154,7 @@ impl Display {
         resized.check().expect("resized");
     }
 
-    /// Whether a person would see the pointer at a place.
+    /// Returns whether a person would see the pointer at a place.
     pub fn shows_pointer(&self, [x, y]: [i16; 2]) -> bool {
         let connection = &self.connection;
         connection.warp_pointer(x11rb::NONE, self.root, 0, 0, 0, 0, x, y).expect("asked");
@@ -172,7 +172,7 @@ impl Display {
         connection.sync().expect("done");
     }
 
-    /// Whether the screen is blanked, and milliseconds since somebody touched it.
+    /// Returns whether the screen is blanked, and the milliseconds since the last input.
     pub fn is_blanked(&self) -> (bool, u32) {
         let info = self.connection.screensaver_query_info(self.root).expect("asked");
         let info = info.reply().expect("a screen saver");

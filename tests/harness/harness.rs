@@ -1,4 +1,4 @@
-//! What the tests of the whole share: a wall of real processes, its pictures, and scenes.
+//! Shared code for tests of the whole: a wall of real processes, its pictures, and scenes.
 
 pub mod adapter;
 pub mod browser;

@@ -25,7 +25,7 @@ pub fn of(place: &TestDir, node: &str) -> Option<PathBuf> {
     folder.exists().then_some(folder)
 }
 
-/// What a forged certificate says.
+/// The contents of a forged certificate.
 #[derive(Clone, Debug)]
 pub struct Forged {
     pub names: Vec<String>,

@@ -16,8 +16,8 @@ use super::process::{Finished, Process};
 use super::scenes::Gltf;
 use super::{keys, pictures, wait};
 
-/// How long frames wait for a channel in tests: machines that also build something are slow, and
-/// a picture without a channel is not what most tests are about.
+/// Milliseconds for which frames wait for a channel in tests: machines that also build something
+/// are slow, and a picture without a channel is not what most tests are about.
 const PATIENCE_MS: u32 = 20_000;
 
 /// A port that the system chooses.
@@ -45,7 +45,8 @@ pub fn small(columns: u32, rows: u32) -> Wall {
     patient(tiled([columns, rows], [480, 272]))
 }
 
-/// The same screen with so many pixels in all, and the times of a wall file that names none.
+/// The screen of single.toml with so many pixels in all, and the times of a wall file that names
+/// none.
 pub fn tiled([columns, rows]: [u32; 2], pixels: [u32; 2]) -> Wall {
     let [width, height] = [pixels[0] / columns, pixels[1] / rows];
     let text = format!(
@@ -68,7 +69,8 @@ pub fn tiled([columns, rows]: [u32; 2], pixels: [u32; 2]) -> Wall {
     wall
 }
 
-/// The same wall with patience, and no scenes of its own.
+/// Returns the wall with [`PATIENCE_MS`] for its deadlines and heartbeat, and without scenes of its
+/// own.
 pub fn patient(mut wall: Wall) -> Wall {
     wall.deadline.min_ms = PATIENCE_MS;
     wall.deadline.max_ms = PATIENCE_MS;
@@ -97,7 +99,8 @@ impl LocalWall {
         local
     }
 
-    /// The same in a place that is there, with the keys that it may have.
+    /// Starts manager and servers in a place that is there, with the keys that it may have, and
+    /// waits until all channels could draw.
     pub fn start_in(place: TestDir, wall: &Wall, scenes: &[&Path], listen: &str) -> Self {
         let mut local = Self::manager(place, wall, scenes, listen);
         let servers: Vec<String> = wall.channels.iter().map(|c| c.server.clone()).collect();
@@ -116,7 +119,7 @@ impl LocalWall {
         Self::manager_with(place, wall, scenes, listen, &[])
     }
 
-    /// As [`Self::manager`], with more arguments.
+    /// Starts only the manager, with more arguments.
     pub fn manager_with(
         place: TestDir,
         wall: &Wall,
@@ -157,7 +160,7 @@ impl LocalWall {
         Client::connect_with(self.connect_options()).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// Where and as whom a client of this wall connects.
+    /// Returns the address and the identity with which a client of this wall connects.
     pub fn connect_options(&self) -> ConnectOptions {
         let mut options = ConnectOptions::new(self.address.as_str());
         options.token_file = Some(self.place.token_file());
@@ -208,7 +211,7 @@ pub fn start_server(place: &TestDir, wall: &Wall, name: &str, manager: &str) -> 
     start_server_with(place, wall, name, manager, &["--headless"], &[])
 }
 
-/// As [`start_server`], with these arguments and variables.
+/// Starts a server as [`start_server`] does, with these arguments and variables.
 pub fn start_server_with(
     place: &TestDir,
     wall: &Wall,

@@ -56,7 +56,7 @@ pub fn bourke(nodes: [u32; 2], node: impl Fn(u32, u32) -> [f64; 5]) -> String {
     text
 }
 
-/// What a PNG is made of.
+/// The contents of a PNG.
 #[derive(Clone, Debug)]
 pub struct Png<'a> {
     pub size: [u32; 2],
@@ -105,11 +105,11 @@ pub fn png(picture: &Png) -> Vec<u8> {
 #[derive(Clone, Debug)]
 pub struct Entry {
     pub name: String,
-    /// As it lies there.
+    /// The bytes that lie in the archive.
     pub packed: Vec<u8>,
     /// 0 stored, 8 deflated.
     pub method: u16,
-    /// What the head says that it unpacks to: bytes and their sum.
+    /// The number of unpacked bytes that its head states, and their sum.
     pub bytes: u32,
     pub crc: u32,
 }
@@ -120,7 +120,7 @@ impl Entry {
         Self { name, packed, method: 0, bytes: bytes.len() as u32, crc: crc32(bytes) }
     }
 
-    /// The same bytes as a stream of deflate.
+    /// An entry whose bytes are a stream of deflate.
     pub fn deflated(name: &str, bytes: &[u8]) -> Self {
         Self { packed: stored(bytes), method: 8, ..Self::new(name, bytes) }
     }

@@ -26,11 +26,12 @@ pub struct Part {
     pub positions: Vec<Vec3>,
     /// Linear RGB of each vertex.
     pub colors: Vec<Vec3>,
-    /// Of each vertex; none without the picture.
+    /// The picture's coordinates at each vertex; empty without the picture.
     pub uvs: Vec<[f32; 2]>,
     pub indices: Vec<u32>,
     pub is_double_sided: bool,
-    /// Where not empty, it stands at each of these in the last node's space, and not there.
+    /// If not empty, the part stands at each of these in the last node's space, and not at the node
+    /// itself.
     pub copies: Vec<Instance>,
 }
 
@@ -73,7 +74,7 @@ impl Part {
         Self { uvs, indices: vec![0, 1, 2, 0, 2, 3], ..Self::flat(place, &corners, color) }
     }
 
-    /// The same without the picture.
+    /// Returns the part without the picture.
     pub fn plain(self) -> Self {
         Self { uvs: Vec::new(), ..self }
     }
@@ -93,7 +94,7 @@ impl Model {
         Self { parts, picture: None }
     }
 
-    /// What the reference draws.
+    /// Returns the triangles that the reference draws.
     pub fn facets(&self) -> Vec<Facet> {
         let picture = self.picture.as_ref().map(|(side, codes)| {
             let linear = codes.iter().map(|&code| DVec3::splat(tone::linear(code))).collect();
@@ -130,7 +131,7 @@ impl Model {
         facets
     }
 
-    /// What the program draws.
+    /// Returns the file that the program draws.
     pub fn gltf(&self) -> Gltf {
         let mut file = Writer::default();
         for part in &self.parts {

@@ -1,4 +1,4 @@
-//! What a user does at an X display: the mouse over windows.
+//! The actions of a user at an X display: the mouse over windows.
 
 use std::collections::BTreeMap;
 
@@ -41,7 +41,7 @@ impl Display {
         found
     }
 
-    /// Where the windows of channels are, by the channels' names.
+    /// Returns the rectangles of channels' windows, by the channels' names.
     pub fn channel_windows(&self) -> BTreeMap<String, Rect> {
         let windows = self.windows("polyptych ").into_iter();
         let rect = |(name, window)| {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use image::{Rgba, RgbaImage};
 use polyptych_client::Image;
 
-/// How far two pictures of the same size are apart.
+/// The difference between two pictures of the same size.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Difference {
     pub pixels: u64,
@@ -14,13 +14,13 @@ pub struct Difference {
     pub differing: u64,
     /// Pixels of which a colour is more than one level of 255 off.
     pub above_1: u64,
-    /// The same, more than eight levels.
+    /// Pixels of which a colour is more than eight levels off.
     pub above_8: u64,
     /// The furthest that any colour is off.
     pub levels_max: u8,
 }
 
-/// How far apart pictures may be.
+/// The limits of a difference between two pictures.
 #[derive(Clone, Copy, Debug)]
 pub struct Policy {
     pub identical_share_min: f64,
@@ -58,7 +58,7 @@ impl Difference {
         count as f64 / self.pixels.max(1) as f64
     }
 
-    /// Whether they are as close as that.
+    /// Returns whether the difference keeps this policy.
     pub fn holds(&self, policy: &Policy) -> bool {
         1.0 - self.share(self.differing) >= policy.identical_share_min
             && 1.0 - self.share(self.above_1) >= policy.within_1_share_min
@@ -103,7 +103,7 @@ pub fn check(name: &str, actual: &RgbaImage, expected: &RgbaImage, policy: &Poli
     difference
 }
 
-/// Whether there is something to see: a scene has hundreds of colours, an empty picture one.
+/// Returns the number of colours: a scene has hundreds, an empty picture one.
 pub fn color_count(image: &RgbaImage) -> usize {
     image.pixels().map(|pixel| pixel.0).collect::<std::collections::BTreeSet<_>>().len()
 }

@@ -38,7 +38,7 @@ impl TestDir {
         Self { folder, cache, shaders }
     }
 
-    /// Where it lies.
+    /// Returns the path of the folder.
     pub fn folder(&self) -> &Path {
         self.folder.path()
     }

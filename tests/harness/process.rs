@@ -19,7 +19,7 @@ pub struct Process {
     log: Arc<Mutex<Vec<String>>>,
 }
 
-/// How a program ended, and all that it said.
+/// The exit status of a program, and all its output.
 #[derive(Debug)]
 pub struct Finished {
     pub status: ExitStatus,
@@ -58,7 +58,7 @@ impl Process {
         seen.unwrap_or_else(|| panic!("{} did not say {parts:?}:\n{}", self.name, self.output()))
     }
 
-    /// Whether it has ended.
+    /// Returns whether it has ended.
     pub fn has_ended(&mut self) -> bool {
         self.child.try_wait().expect("the child can be asked").is_some()
     }
@@ -99,7 +99,7 @@ impl Drop for Process {
 }
 
 impl Finished {
-    /// What a shell would see as `$?`.
+    /// Returns the exit code as a shell would see it in `$?`.
     pub fn code(&self) -> i32 {
         let by_signal = || self.status.signal().map(|signal| 128 + signal);
         self.status.code().or_else(by_signal).unwrap_or(-1)

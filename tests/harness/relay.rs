@@ -9,7 +9,7 @@ use std::thread::Builder;
 /// The relay; its threads end with their connections.
 #[derive(Debug)]
 pub struct Relay {
-    /// Where a server connects to.
+    /// The address that a server connects to.
     pub address: String,
     state: Arc<State>,
 }

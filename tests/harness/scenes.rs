@@ -86,7 +86,7 @@ impl Gltf {
         Self { json, bin }
     }
 
-    /// The same with a change.
+    /// Returns the file with a change.
     pub fn with(mut self, change: impl FnOnce(&mut Self)) -> Self {
         change(&mut self);
         self
@@ -118,14 +118,14 @@ impl Gltf {
         self.accessor(kind, 5126, values.len() / width, &bytes)
     }
 
-    /// As JSON, with the buffer in another file.
+    /// Returns it as JSON, with the buffer in another file.
     pub fn gltf(&self, uri: &str) -> Vec<u8> {
         let mut json = self.json.clone();
         json["buffers"] = json!([{ "uri": uri, "byteLength": self.bin.len() }]);
         json.to_string().into_bytes()
     }
 
-    /// As one binary file.
+    /// Returns it as one binary file.
     pub fn glb(&self) -> Vec<u8> {
         let mut json = self.json.clone();
         json["buffers"] = json!([{ "byteLength": self.bin.len() }]);

@@ -38,7 +38,8 @@ pub fn arguments_of(pid: u32) -> Vec<String> {
     bytes.split(|byte| *byte == 0).map(|part| String::from_utf8_lossy(part).into_owned()).collect()
 }
 
-/// What a process has for a variable of its environment.
+/// Returns the value of a variable in a process's environment; `None` if it is not set or the
+/// process is gone.
 pub fn variable_of(pid: u32, name: &str) -> Option<String> {
     let bytes = fs::read(format!("/proc/{pid}/environ")).ok()?;
     let text = String::from_utf8_lossy(&bytes).into_owned();

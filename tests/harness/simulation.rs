@@ -26,7 +26,7 @@ impl Simulation {
         Self::start_with(place, wall, scene, arguments, &[])
     }
 
-    /// As [`Self::start`], with more variables in its environment.
+    /// Starts it as [`Self::start`] does, with more variables in its environment.
     pub fn start_with(
         place: TestDir,
         wall: &Wall,

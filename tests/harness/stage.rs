@@ -1,5 +1,5 @@
-//! What a channel of a wall draws, without any process or socket: baked, applied and rendered by
-//! the program's own code.
+//! The picture of a channel of a wall, without any process or socket: baked, applied and rendered
+//! by the program's own code.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -19,7 +19,7 @@ use super::adapter::gpu;
 use super::place::TestDir;
 use crate::reference;
 
-/// What the renderer needs to draw a channel of a wall.
+/// A renderer with a scene, which draws channels of walls.
 pub struct RenderFixture {
     renderer: Renderer,
     scene: GpuScene,
@@ -50,7 +50,7 @@ impl RenderFixture {
         Self { renderer, scene, bounds: manifest.bounds.expect("something to see") }
     }
 
-    /// Of a glTF made in code.
+    /// Creates the fixture for a glTF made in code.
     pub fn of(gltf: &super::scenes::Gltf) -> Self {
         let place = TestDir::new();
         Self::new(&place.write("scene.glb", gltf.glb()))
@@ -65,7 +65,7 @@ impl RenderFixture {
         RgbaImage::from_raw(size.x, size.y, pixels).expect("as many bytes as pixels")
     }
 
-    /// What a channel shows.
+    /// Returns the picture of a channel.
     pub fn channel(&mut self, wall: &Wall, id: ChannelId, camera: Camera) -> RgbaImage {
         let size = wall.channel(id).expect("a channel").size;
         let views = frame_views::views(wall, id, &frame(wall, camera)).expect("views");
@@ -88,7 +88,7 @@ pub fn frame(wall: &Wall, camera: Camera) -> Frame {
     }
 }
 
-/// What the reference needs to know of a channel: the numbers of the wall file.
+/// Returns the numbers of the wall file that the reference needs for a channel.
 pub fn seat(wall: &Wall, id: ChannelId) -> reference::view::ScreenView {
     let channel = wall.channel(id).expect("a channel");
     let screen = wall.screen_of(channel);

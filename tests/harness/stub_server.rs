@@ -24,8 +24,8 @@ use super::local_wall::LocalWall;
 /// Often enough for the shortest heartbeat of a test.
 const PING_PERIOD: Duration = Duration::from_millis(200);
 
-/// What its adapter is called: it would clear a terminal, forge a line of a log, and reverse what
-/// stands behind it.
+/// The name of its adapter: it would clear a terminal, forge a line of a log, and reverse the text
+/// behind it.
 pub const HOSTILE_NAME: &str = "stub\u{1b}[2J\r\n ERROR forged\u{9b}31m\u{202e}";
 
 type Answer = Box<dyn FnOnce(&Frame) -> ServerMessage + Send>;
@@ -52,7 +52,7 @@ struct State {
     heard: Vec<Command>,
     raw: Vec<u8>,
     answer: Option<(Answer, SyncSender<FrameId>)>,
-    /// Whether its answers to changes wait in `raw`.
+    /// `true` if its answers to changes wait in `raw`.
     holds_prepared: bool,
     is_over: bool,
 }
@@ -90,7 +90,7 @@ impl StubServer {
         Self { shared }
     }
 
-    /// What an honest server answers to a frame.
+    /// Returns the function that answers a frame as an honest server does.
     pub fn drawn_honestly(&self) -> impl Fn(&Frame) -> FrameRendered + Clone + Send + use<> {
         let shared = Arc::clone(&self.shared);
         move |frame| shared.drawn(frame)
@@ -156,7 +156,7 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What an honest server answers to a frame, at once.
+    /// Returns the answer of an honest server to a frame.
     fn drawn(&self, frame: &Frame) -> FrameRendered {
         let digest = self.state().digests.get(&frame.revision).copied();
         FrameRendered {

@@ -28,7 +28,7 @@ pub fn look_for<T>(limit: Duration, mut look: impl FnMut() -> Option<T>) -> Opti
     }
 }
 
-/// As [`look_for`], where there must be something within [`LIMIT`].
+/// Looks as [`look_for`] does; there must be something within [`LIMIT`].
 #[track_caller]
 pub fn until<T>(what: &str, look: impl FnMut() -> Option<T>) -> T {
     look_for(LIMIT, look).unwrap_or_else(|| panic!("{what}: not within {LIMIT:?}"))

@@ -186,7 +186,7 @@ fn drag(hostile: &mut Hostile, local: &LocalWall, channel: &str, dragged: &Arc<A
     });
 }
 
-/// As many as are let in beside one on the same machine.
+/// The number of clients that the manager accepts beside one on its own machine.
 const HOSTILE_CLIENTS: u64 = 256;
 
 #[test]

@@ -20,8 +20,8 @@ use crate::harness::relay::Relay;
 use crate::harness::scenes::{Gltf, town};
 use crate::harness::{signals, wait};
 
-/// What a peer may cost the manager here: its outbox of 512 answers of a kilobyte, a few pictures
-/// of a mebibyte, and what an allocator keeps of both.
+/// Maximum growth of the manager's memory for one peer here: its outbox of 512 answers of a
+/// kilobyte, a few pictures of a mebibyte, and the overhead of an allocator for both.
 const GROWTH_BYTES_MAX: u64 = 48 << 20;
 
 /// Longest time without a frame that still is "goes on": a quarter of the second after which

@@ -1,5 +1,6 @@
-//! What may stand in the way of a process that starts, or outlive it: another manager on the same
-//! state, a file that is none, a limit of the system, a clock, a child that was stopped.
+//! Obstacles to a process that starts, and things that could outlive it: another manager on the
+//! same state, a state that is not a file, a limit of the system, a clock, a child that was
+//! stopped.
 
 use std::fs;
 use std::process::Command;

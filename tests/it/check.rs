@@ -126,7 +126,7 @@ fn a_screen_of_four_kilometres_is_warned_of() {
     assert!(text.contains("warning: screen s: it is 4000.0000 × 2250.0000 m"), "{text}");
 }
 
-/// What the command says of what it wrote, and what `check` says of that.
+/// Returns the output of the command that writes a wall, and that of `check` for the wall.
 fn generated(place: &TestDir, arguments: &[&str]) -> (String, String) {
     let said = place.run(["wall"].iter().chain(arguments).chain(&["-o", "made.toml"])).succeeded();
     let (checked, _) = check(place, "made.toml");

@@ -1,5 +1,4 @@
-//! The same program drives one channel and four, blocking or async, and is told what became of
-//! every frame.
+//! One program drives one channel and four, blocking or async, and gets the outcome of every frame.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

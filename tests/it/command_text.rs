@@ -1,4 +1,4 @@
-//! What the command says for people and shells: help, schema, manuals, and files that it leaves
+//! The command's output for people and shells: help, schema, manuals, and files that it leaves
 //! alone.
 
 use std::fs;

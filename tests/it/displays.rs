@@ -16,7 +16,7 @@ use crate::harness::place::TestDir;
 use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
 
-/// Of the panels that words stand on.
+/// The colour of the panels that words stand on.
 const PANEL: Rgba<u8> = Rgba([18, 22, 28, 255]);
 
 /// A wall in windows.

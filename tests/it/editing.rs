@@ -66,7 +66,7 @@ fn wall_of_files() -> LocalWall {
     LocalWall::start_in(place, &small(2, 1), &[&folder], ANY_PORT)
 }
 
-/// What makes the first file of the second.
+/// Returns the changes that turn the signpost into the edited file.
 fn transaction() -> Transaction {
     let mut transaction = Transaction::default();
     let (post, arm) = (NodeId(0), NodeId(1));

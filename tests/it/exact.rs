@@ -1,5 +1,5 @@
-//! What is drawn against the reference in f64: points, whole pictures, and cases that are hard for
-//! numbers. What the reference and the program have in common is the input.
+//! Pictures against the reference in f64: points, whole pictures, and cases that are hard for
+//! numbers. The reference and the program have only their input in common.
 
 mod hard_cases;
 mod itself;
@@ -22,12 +22,12 @@ const SKY: DVec3 = DVec3::new(0.2, 0.32, 0.5);
 /// Codes of 255 by which a drawn colour may differ: one, and rounding.
 const LEVELS_MAX: f64 = 1.5;
 
-/// How a channel's picture compares with the reference.
+/// The comparison of a channel's picture with the reference.
 #[derive(Clone, Copy, Debug, Default)]
 struct Verdict {
     /// Pixels whose colour the reference is sure of.
     sure: usize,
-    /// Of those, pixels of another colour.
+    /// Sure pixels of another colour.
     wrong: usize,
     /// Pixels of which the reference is sure, and in which something other than the sky shows.
     covered: usize,

@@ -1,8 +1,8 @@
-//! What a wall does when things fail, each row of the table with real processes and a time.
+//! The behaviour of a wall when things fail, each row of the table with real processes and a time.
 //!
 //! The times are the requirement's own. A machine that also builds something holds up processes
-//! that have nothing to do with a fault, so a time that was not kept is tried again, and only what
-//! is never kept is the product's.
+//! that have nothing to do with a fault. So a time that is exceeded is tried again, and only one
+//! that is always exceeded is the product's fault.
 
 mod files;
 mod gpu;
@@ -19,7 +19,7 @@ use crate::harness::scenes::Gltf;
 use crate::harness::simulation::Simulation;
 use crate::harness::wait;
 
-/// How often a time is tried.
+/// Maximum number of times that a time is tried.
 const TRIES: usize = 3;
 
 /// Frames per second of these walls.
@@ -64,7 +64,7 @@ const CONTROL_LATE_MAX: f64 = 2.0;
 /// A run of four channels at [`RATE`] in which things went wrong, a second after it began.
 struct Run {
     report: Value,
-    /// What was said, by manager and servers too.
+    /// The output of the command, with that of the manager and the servers.
     log: String,
 }
 
@@ -83,19 +83,19 @@ impl Run {
         Self { report: serde_json::from_slice(&text).expect("JSON"), log }
     }
 
-    /// What a fault did.
+    /// Returns the record of a fault.
     fn fault(&self, index: usize) -> Fault<'_> {
         let [control, record] = [0, index + 1].map(|index| &self.report["faults"][index]);
         Fault { record, control }
     }
 
-    /// What the statistics say of a channel.
+    /// Returns the statistics of a channel.
     fn channel(&self, name: &str) -> &Value {
         let channels = self.report["channels"].as_array().expect("a list");
         channels.iter().find(|channel| channel["name"] == name).expect("a channel of the wall")
     }
 
-    /// Whether a line with all these parts was said.
+    /// Returns whether a line of the output has all these parts.
     fn said(&self, parts: &[&str]) -> bool {
         self.log.lines().any(|line| parts.iter().all(|part| line.contains(part)))
     }

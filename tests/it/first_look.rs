@@ -1,5 +1,5 @@
-//! What a person sees of a scene right after it was opened: all of it, large, at a sensible
-//! brightness; and what is said of parts that cannot be shown.
+//! The first view of a scene that was opened: all of it, large, at a sensible brightness; and the
+//! notes on parts that cannot be shown.
 
 use image::{Rgba, RgbaImage};
 use polyptych_client::Capture;

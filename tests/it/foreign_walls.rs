@@ -22,12 +22,12 @@ use crate::harness::place::TestDir;
 use crate::harness::scenes::foreign_wall;
 use crate::reference::tone;
 
-/// How far points may be off in pixels of the channel: half of them, and 99.9 % of them. What is
-/// worse lies where maps are so steep that a wave is longer than the picture.
+/// Maximum error of points in pixels of the channel: of half of them, and of 99.9 % of them. Larger
+/// errors lie where maps are so steep that a wave is longer than the picture.
 const MEDIAN_MAX_PX: f64 = 0.1;
 const MOST_MAX_PX: f64 = 0.6;
 
-/// How far a code may be off, in levels of 255; what is compared with is not rounded.
+/// Maximum error of a code, in levels of 255; the expected code is not rounded.
 const LEVELS_MAX: f64 = 1.0;
 
 /// Share of the pixels whose codes may be off by more, by some of the sky's light: of float maps
@@ -37,13 +37,13 @@ const BEYOND_MAX: f64 = 5e-4;
 /// By how much of its length a step from pixel to pixel changes where a map has an edge.
 const EDGE_CHANGE: f64 = 0.25;
 
-/// How much rounding to codes may leave open of a place that is judged, in pixels.
+/// Maximum uncertainty of a judged place, from rounding to codes, in pixels.
 const UNSURE_MAX_PX: f64 = 0.2;
 
 /// Least share of the lit pixels whose place is told: masks leave some of them dark.
 const TOLD_MIN: f64 = 0.05;
 
-/// What a wall shows of each pattern, on its only channel.
+/// The pictures of all patterns on the wall's only channel.
 struct Shown {
     seat: Seat,
     patterns: Vec<(Pattern, RgbaImage)>,
@@ -72,9 +72,9 @@ fn show(place: &TestDir, path: &Path) -> Shown {
     Shown { seat, patterns }
 }
 
-/// What was found at a pixel.
+/// The result of a comparison at a pixel.
 struct Found {
-    /// How far its point is off, in pixels of the channel.
+    /// The error of its point, in pixels of the channel.
     error_px: f64,
     /// The map bends there.
     is_edge: bool,
@@ -132,9 +132,9 @@ impl Shown {
         assert!(light <= BEYOND_MAX, "{name}: the light of {light} of the pixels is off");
     }
 
-    /// How far the drawn place of a pixel is from `due`, and what of that is not sure, in pixels
-    /// of the canvas: by the finest waves that its neighbours tell apart, which coarser ones
-    /// confirm.
+    /// Returns the offset of a pixel's drawn place from `due`, and its uncertainty, in pixels of
+    /// the canvas: by the finest waves that its neighbours tell apart, which coarser ones confirm.
+    /// `None` if no wave tells the place.
     fn offset(
         &self,
         (x, y): (u32, u32),

@@ -16,7 +16,7 @@ use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
 
 const BLACK: Rgba<u8> = Rgba([0, 0, 0, 255]);
-/// Of the panels that words stand on.
+/// The colour of the panels that words stand on.
 const PANEL: Rgba<u8> = Rgba([18, 22, 28, 255]);
 /// Two monitors side by side.
 const HALVES: [(&str, [i16; 4]); 2] = [("A", [0, 0, 512, 768]), ("B", [512, 0, 512, 768])];

@@ -20,7 +20,7 @@ use crate::harness::wait;
 /// Kills in an ordinary run: enough to hit opening, closing and moving, each a second or less.
 const KILLS: usize = 8;
 
-/// How soon after its start a manager must have its wall moving again.
+/// Maximum time from a manager's start until its wall moves again.
 const MOVING_TIME_MAX: Duration = Duration::from_secs(3);
 
 /// Longest time from the first request of a manager's life to its death.
@@ -28,7 +28,7 @@ const LIFE_MAX: Duration = Duration::from_millis(400);
 
 const SCENES: [Option<&str>; 3] = [None, Some("left"), Some("right")];
 
-/// What a wall shows, as a client knows it.
+/// The state of a wall, as a client knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Shown {
     scene: Option<&'static str>,
@@ -68,9 +68,9 @@ struct Driver {
     began: Receiver<()>,
 }
 
-/// What a client knows when its manager is gone.
+/// The knowledge of a client whose manager is gone.
 struct Driven {
-    /// What the wall may show: the camera of a wall without a scene is not seen.
+    /// The states that the wall may show: the camera of a wall without a scene is not seen.
     possible: Vec<Shown>,
     acknowledged: u64,
 }
@@ -185,7 +185,7 @@ fn await_moving(client: &Client) {
     });
 }
 
-/// What each state looks like.
+/// The picture of each state.
 struct Pictures(Vec<(Shown, RgbaImage)>);
 
 impl Pictures {

@@ -1,5 +1,5 @@
-//! What of a scene is not drawn reaches everybody who should know: the answer of `open`, the
-//! status, the log, the report of `simulate`, and a client.
+//! Notes on parts of a scene that are not drawn, in every place where they must be: the answer of
+//! `open`, the status, the log, the report of `simulate`, and a client.
 
 use serde_json::{Value, json};
 

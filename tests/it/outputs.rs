@@ -13,7 +13,8 @@ use crate::harness::maps::{self, Region};
 use crate::harness::place::TestDir;
 use crate::harness::wait;
 
-/// What stands where a file was to be written. Tests may run as root: no real device is named.
+/// Kinds of things in the place of a file to be written. Tests may run as root: no real device is
+/// named.
 const KINDS: [&str; 5] = ["folder", "FIFO", "socket", "link to FIFO", "link to nothing"];
 
 fn make(kind: &str, path: &Path) {

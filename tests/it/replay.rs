@@ -1,4 +1,4 @@
-//! What a manager was told is recorded, and decided again in the same way.
+//! Recordings of a manager's input, and replays that decide in the same way.
 
 use std::fs;
 

@@ -1,4 +1,4 @@
-//! What a simulated wall writes: pictures and a report.
+//! The output of a simulated wall: pictures and a report.
 
 use image::imageops;
 use polyptych_client::Wall;

@@ -1,5 +1,5 @@
 //! A manager is started again: from another folder, by another path, with an edited wall file.
-//! What was tuned, seen and laid over stays as far as it is valid, and the log says what does not.
+//! Tunings, the eye and views stay as far as they are valid, and the log names those that do not.
 
 use std::ffi::OsString;
 use std::fs;

@@ -27,7 +27,8 @@ const GROWTH_OF_YOUTH_MAX: f64 = 1.15;
 /// Frames from which on a run is a long one.
 const LONG: u64 = 50_000;
 
-/// What all processes write to the terminal, at most: that of 2 h is a file that a person reads.
+/// Maximum bytes that all processes write to the terminal: the output of 2 h is a file that a
+/// person can read.
 const LOG_BYTES_MAX: usize = 10_000_000;
 
 /// Between two looks.
@@ -39,7 +40,7 @@ struct Look {
     frame: u64,
     memory_bytes: u64,
     descriptors: usize,
-    /// Of the server with the most memory.
+    /// Memory of the server that has the most.
     server_bytes: u64,
 }
 

@@ -18,7 +18,7 @@ fn shot(local: &LocalWall, name: &str) -> RgbaImage {
     read(&path)
 }
 
-/// How many pixels of a part of two pictures differ.
+/// Returns the number of pixels that differ between two pictures in these columns.
 fn differing(a: &RgbaImage, b: &RgbaImage, columns: std::ops::Range<u32>) -> usize {
     let pairs = a.enumerate_pixels().zip(b.pixels());
     pairs.filter(|((x, _, a), b)| columns.contains(x) && a != b).count()

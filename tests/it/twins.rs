@@ -1,4 +1,4 @@
-//! The same commands give the same bytes, whoever draws.
+//! Equal commands give equal bytes, whichever server draws.
 
 use polyptych_client::blocking::Client;
 use polyptych_client::{Camera, Capture, ChannelState, Wall};

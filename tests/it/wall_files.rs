@@ -79,7 +79,7 @@ fn a_wall_with_files_comes_up_and_its_servers_hold_them() {
     manager.join().expect("no panic");
 }
 
-/// What a server gets is checked again: by its kind, and by whether it is to be had at all.
+/// A server checks the files that it gets again: their kind, and whether they are available at all.
 #[test]
 fn a_server_refuses_a_file_that_is_none_by_its_key() {
     let place = TestDir::new();
@@ -210,8 +210,8 @@ fn the_baker_says_what_a_file_of_a_wall_is() {
     place.run(arguments).failed(&["a.data", "PNG", "can't be decoded"]);
 }
 
-/// What is compared was resampled alike, at points that a file gives in f32: what is left is
-/// rounding at edges. A map that is off by a tenth of a pixel fails by far.
+/// The policy for pictures that were resampled alike, at points that a file gives in f32: the rest
+/// is rounding at edges. A map that is off by a tenth of a pixel fails by far.
 const RESAMPLED: Policy =
     Policy { identical_share_min: 0.97, within_1_share_min: 0.995, above_8_ppm_max: 500.0 };
 
@@ -243,7 +243,7 @@ pin = [[0.000001, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]
 pin = [[0.000001, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]
 "#;
 
-/// The same wall as an archive: by places of the buffer, or by points in millimetres.
+/// The wall of [`BY_GEOMETRY`] as an archive: by places of the buffer, or by points in millimetres.
 fn archive_of_geometry(profile: &str) -> Vec<u8> {
     let region = |id: &str, side: f64| {
         let place = |x: u32, y: u32| [(f64::from(x) + 0.5) / 100.0, (f64::from(y) + 0.5) / 100.0];
@@ -272,16 +272,16 @@ fn archive_of_geometry(profile: &str) -> Vec<u8> {
     maps::zip(&maps::mpcdi_entries(profile, [200, 100], &regions))
 }
 
-/// What a wall shows of the town.
+/// The pictures of a wall that shows the town.
 struct Shown {
-    /// Of the channels `left` and `right`.
+    /// The pictures of the channels `left` and `right`.
     channels: [RgbaImage; 2],
-    /// Of all channels together, on the first screen.
+    /// The picture of all channels together, on the first screen.
     screen: RgbaImage,
 }
 
-/// What a wall file shows of the town, by real processes: from one place, whatever the screens
-/// are.
+/// Returns the pictures of the town on a wall file's wall, by real processes: from one place,
+/// whatever the screens are.
 fn show(path: &Path) -> Shown {
     let mut wall = polyptych_wall_file::load(path).unwrap_or_else(|error| panic!("{error}"));
     let folder = path.parent().expect("a folder");

@@ -18,7 +18,7 @@ use crate::receiver::Receiver;
 use crate::seeds::messages;
 use crate::server::{Server, show};
 
-/// As the issue has it.
+/// The number of frames, as the issue has it.
 const FRAMES: u64 = 1_000_000;
 
 /// On as many threads; a hosted runner has two cores.
@@ -28,8 +28,8 @@ const THREADS: u64 = 2;
 /// short history.
 const FRAMES_PER_LIFE: u64 = 2500;
 
-/// What decoding may hold at once, for each byte of the message: an empty string takes one byte
-/// on the wire and 24 in memory, in a list that doubles as it grows.
+/// Maximum bytes that decoding holds at once, for each byte of the message: an empty string takes
+/// one byte on the wire and 24 in memory, in a list that doubles as it grows.
 const HELD_PER_BYTE: u64 = 128;
 
 /// And beyond that: 64 KiB for one string that is cut short, as [`codec`] lets it claim, and 1 MiB
@@ -44,7 +44,7 @@ const MESSAGE_TIME_MAX: Duration = Duration::from_secs(5);
 /// Longest time for all: two orders of magnitude more than it takes.
 const ALL_TIME_MAX: Duration = Duration::from_mins(10);
 
-/// What became of the frames of one thread.
+/// The counts of one thread's frames.
 #[derive(Debug, Default)]
 struct Tally {
     frames: u64,

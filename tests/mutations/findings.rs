@@ -1,4 +1,4 @@
-//! What mutations found once, as small as it became.
+//! Inputs that mutations once found to fail, made as small as possible.
 
 use allocation_counter::measure;
 use polyptych_protocol::command::{Command, Pong};

@@ -29,10 +29,10 @@ const STRANGERS: u64 = 3000;
 /// Strangers that say nothing, or not all, and stay: as many as the door looks at together.
 const SILENT: usize = 300;
 
-/// How much later than the limit a connection may end: the machine is busy.
+/// Time after the limit within which a connection must end: the machine is busy.
 const GRACE: Duration = Duration::from_secs(20);
 
-/// What others say first: HTTP, TLS, SSH, a TLS alert, SMB.
+/// The first bytes of other protocols: HTTP, TLS, SSH, a TLS alert, SMB.
 const OTHERS: [&[u8]; 5] = [
     b"GET / HTTP/1.1\r\nHost: wall\r\n\r\n",
     b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03",
@@ -82,7 +82,7 @@ fn held() -> (usize, i64) {
     (files, line.trim().trim_end_matches(" kB").parse().unwrap_or(0))
 }
 
-/// What a stranger says: a handshake that is damaged somewhere, or something else.
+/// Returns the bytes of a stranger: a handshake that is damaged somewhere, or something else.
 fn saying(rng: &mut Rng, seeds: &[Vec<u8>]) -> Vec<u8> {
     let mut said = match rng.u8(0..8) {
         0 => OTHERS[rng.usize(0..OTHERS.len())].to_vec(),

@@ -27,7 +27,7 @@ mod wall_map;
 mod wall_shape;
 mod wall_text;
 
-/// What the tests of this run begin from: the same each time, unless `POLYPTYCH_SEED` says else.
+/// Returns the seed of this run's tests: the same each time, unless `POLYPTYCH_SEED` gives another.
 pub fn seed() -> u64 {
     let given = std::env::var("POLYPTYCH_SEED").ok();
     given.map_or(20_261, |text| text.parse().expect("POLYPTYCH_SEED is a number"))

@@ -1,4 +1,4 @@
-//! What must hold of any file that is given for a map of a wall.
+//! Checks that must hold for any file that is given as a map of a wall.
 
 use std::cell::RefCell;
 use std::fs;
@@ -12,7 +12,7 @@ use polyptych_wall::warp::CalibrationMap;
 /// Longest reason for a refusal: file, place, what is wrong and what would be right.
 const ERROR_BYTES_MAX: usize = 4096;
 
-/// What files there are: the name that they have, and what they are used as; an archive without.
+/// The kinds of files: their name, and their use; `None` for an archive.
 pub const KINDS: &[(&str, Option<MapUse>)] = &[
     ("a.pfm", Some(MapUse::Warp { aspect: Some(1.5), dark_zeros: false, sgct_roles: false })),
     ("a.obj", Some(MapUse::ScreenMesh)),

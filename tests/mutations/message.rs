@@ -11,7 +11,7 @@ use polyptych_protocol::server_message::ServerMessage;
 use polyptych_scene::Scene;
 use serde::Serialize;
 
-/// What bytes are decoded as.
+/// The kind of message that bytes are decoded as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Introduction,
@@ -53,7 +53,7 @@ pub enum Message {
 }
 
 impl Message {
-    /// What these bytes are, if they are a message of this kind.
+    /// Decodes a message of this kind; `None` if the bytes are not one.
     pub fn decode(kind: Kind, bytes: &[u8]) -> Option<Self> {
         match kind {
             Kind::Introduction => {
@@ -76,7 +76,7 @@ impl Message {
         }
     }
 
-    /// As it travels.
+    /// Returns the bytes of the message on the wire.
     pub fn encode(&self) -> Bytes {
         fn bytes<T: Serialize + Debug>(message: &T) -> Bytes {
             polyptych_codec::encode(message)
@@ -94,7 +94,8 @@ impl Message {
         }
     }
 
-    /// What came out goes in again: the same bytes, as NaN is not equal to itself.
+    /// Checks that decoding the encoded message and encoding it again gives equal bytes. Messages
+    /// themselves are not compared, as NaN is not equal to itself.
     pub fn check_stable(&self, kind: Kind) {
         let once = self.encode();
         let again = Self::decode(kind, &once).map(|message| message.encode());

@@ -2,8 +2,8 @@
 
 use fastrand::Rng;
 
-/// How varints of bincode begin that are 2, 4 and 8 bytes long, the largest of each, and counts
-/// around the limits.
+/// Varints of bincode: the beginnings of those that are 2, 4 and 8 bytes long, the largest of each,
+/// and counts around the limits.
 const NUMBERS: &[&[u8]] = &[
     &[0],
     &[1],

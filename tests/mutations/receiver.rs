@@ -35,13 +35,13 @@ pub struct Receiver {
     next_session: u64,
     servers: VecDeque<SessionId>,
     frames: u64,
-    /// Of the state that was prepared last.
+    /// The digest of the state that was prepared last.
     digest: Digest,
-    /// Where `Some`, imports wait here instead of being done at once.
+    /// The imports that wait; `None`: they are done at once.
     imports: Option<Vec<ClientRequest>>,
-    /// What servers say of each frame that they are sent, instead of having drawn it well.
+    /// The messages that servers send for each frame, instead of having drawn it well.
     says: Vec<ServerMessage>,
-    /// What servers were sent and have not answered yet.
+    /// The commands that servers were sent and have not answered yet.
     sent: VecDeque<(SessionId, Command)>,
 }
 
@@ -177,7 +177,7 @@ impl Receiver {
         self.read();
     }
 
-    /// What a server in good health says to a command.
+    /// Answers a command as a server in good health does.
     fn answer(&mut self, server: SessionId, command: &Command) {
         match command {
             Command::Prepare(prepare) => {
@@ -227,7 +227,7 @@ impl Receiver {
         self.imports = Some(Vec::new());
     }
 
-    /// How many of them do.
+    /// Returns the number of imports that wait.
     pub fn imports_held(&self) -> usize {
         self.imports.as_ref().map_or(0, Vec::len)
     }
@@ -281,7 +281,7 @@ fn imported() -> ImportedScene {
     ImportedScene::of_file(scene, summary, Arc::default())
 }
 
-/// What the manager does with a manifest.
+/// Reads a manifest as the manager does.
 fn read_manifest(scene: &Scene) {
     if scene.fault().is_some() {
         return;

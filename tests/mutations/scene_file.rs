@@ -1,4 +1,4 @@
-//! What must hold of any file that is given for a scene.
+//! Checks that must hold for any file that is given as a scene.
 
 use std::cell::RefCell;
 use std::fs;

@@ -162,7 +162,7 @@ fn a_small_image_cannot_be_named_for_ever() {
     assert!(line.contains("images[") && line.contains("pixels"), "{line}");
 }
 
-/// What the command, a process of its own with a limit, says of a file that it refuses.
+/// Returns the error of the command, a process of its own with a limit, for a file that it refuses.
 fn refusal(parts: &Parts) -> String {
     let place = SceneFixture::new();
     let (file, store) = (place.write(&parts.glb()), place.path("store"));

@@ -1,4 +1,4 @@
-//! What mutations begin from: small valid inputs of every kind. The coverage-guided targets in
+//! Seeds of mutations: small valid inputs of every kind. The coverage-guided targets in
 //! `tests/fuzz` begin from the same, and find these files by their paths.
 
 #[path = "seeds/editing.rs"]

@@ -36,7 +36,7 @@ impl Server {
         }
     }
 
-    /// What a render server does with a command, but for drawing.
+    /// Handles a command as a render server does, but for drawing.
     pub fn obey(&mut self, command: Command) {
         self.now += 1000;
         match command {
@@ -86,7 +86,7 @@ impl Server {
     }
 }
 
-/// What a server does with a manifest before it asks for the blobs.
+/// Handles a manifest as a server does before it asks for the blobs.
 pub fn show(scene: &Scene) {
     if scene.fault().is_none() {
         let _ = frame_views::warm_up_camera(scene);

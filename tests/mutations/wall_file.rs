@@ -11,7 +11,8 @@ use crate::wall_text;
 
 const FILES: u64 = 20_000;
 
-/// What a file may hold at once: serde and the error's places take some hundred bytes for each.
+/// Maximum bytes held at once, for each byte of a file: serde and the error's positions take some
+/// hundred.
 const HELD_PER_BYTE: u64 = 2048;
 
 /// And beyond that: a wall of a thousand channels, which a short file may ask for.
@@ -20,7 +21,7 @@ const HELD_ANYWAY: u64 = 8 << 20;
 /// Longest time for one file; it takes a millisecond.
 const FILE_TIME_MAX: Duration = Duration::from_secs(10);
 
-/// What may stand where something else stood.
+/// Tokens that replace others.
 const TOKENS: &[&str] = &[
     "0",
     "-1",

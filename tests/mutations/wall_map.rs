@@ -11,13 +11,13 @@ use crate::mutation::mutate;
 use crate::seeds::maps;
 use crate::wall_shape::lit;
 
-/// Of each kind.
+/// The number of files of each kind.
 const FILES: u64 = 1500;
 
 /// Blobs, which need no disk.
 const BLOBS: u64 = 50_000;
 
-/// Of so many sound blobs one is shown.
+/// The number of sound blobs of which one is shown.
 const SHOWN_SHARE: u64 = 20;
 
 /// Most that one such small file may hold at once: a picture of 4 million pixels, of 16 bits and
@@ -27,7 +27,7 @@ const HELD_MAX: u64 = 1 << 30;
 /// Longest time for one file, on a machine that does something else too.
 const FILE_TIME_MAX: Duration = Duration::from_mins(1);
 
-/// What may stand where a word stood.
+/// Words that replace others.
 const WORDS: &[&str] = &[
     "0",
     "-1",

@@ -1,4 +1,4 @@
-//! What damaged but sound maps of walls make of screens and channels: places, or none.
+//! Screens and channels from damaged but sound maps of walls: their points are valid or missing.
 
 use std::sync::Arc;
 

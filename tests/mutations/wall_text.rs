@@ -1,4 +1,4 @@
-//! What must hold of any text that is given for a wall file.
+//! Checks that must hold for any text that is given as a wall file.
 
 use std::path::Path;
 

@@ -2,7 +2,7 @@
 
 use super::view::HomogeneousPixel;
 
-/// How far inside a boundary a point is, times some positive number; linear in the point.
+/// The distance of a point inside a boundary, times some positive number; linear in the point.
 type Boundary = fn(&HomogeneousPixel, [f64; 3]) -> f64;
 
 /// The near plane first: what is left of it has `w` above 0, so no edge goes through the ideal
@@ -40,8 +40,8 @@ pub fn clip(
     polygon
 }
 
-/// Where an edge meets a boundary. From the inside outwards, so that triangles which share the
-/// edge get the same point to the last bit.
+/// Returns the point where an edge meets a boundary. It is computed from the inside outwards, so
+/// that triangles which share the edge get the same point to the last bit.
 fn crossing(a: (HomogeneousPixel, f64), b: (HomogeneousPixel, f64)) -> HomogeneousPixel {
     let ((inner, d1), (outer, d2)) = if a.1 > 0.0 { (a, b) } else { (b, a) };
     let t = d1 / (d1 - d2);

@@ -1,4 +1,4 @@
-//! What is drawn: triangles without light, coloured by their corners and a picture.
+//! The triangles of the reference: without light, coloured by their corners and a picture.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Which pixels a triangle covers, and what they show.
+//! Rasterisation: the pixels that a triangle covers, and their light.
 //!
 //! Coverage is decided on the clipped polygon at pixel centres, by the top-left rule. Attributes
 //! and distances come from the whole triangle by homogeneous edge functions (Olano and Greer,
@@ -19,7 +19,7 @@ pub const EDGE_TOLERANCE: f64 = 0.01;
 /// either way: some units in the last place of f32, in which the program's positions are.
 pub const DISTANCE_TOLERANCE: f64 = 2e-6;
 
-/// What a pixel shows.
+/// The content of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
     /// The nearest facet, the first of those equally near; `None` for the sky.
@@ -28,7 +28,7 @@ pub struct Sample {
     pub light: DVec3,
     /// In metres along the screen's normal; infinite for the sky.
     pub w: f64,
-    /// Whether no edge is within [`EDGE_TOLERANCE`], and nothing else as near within
+    /// `true` if no edge is within [`EDGE_TOLERANCE`], and no other surface within
     /// [`DISTANCE_TOLERANCE`].
     pub is_sure: bool,
 }
@@ -36,7 +36,7 @@ pub struct Sample {
 /// A triangle ready to be asked about pixels.
 pub struct Projected<'a> {
     facet: &'a Facet,
-    /// Of the clipped polygon, clockwise as rows go down.
+    /// The corners of the clipped polygon, clockwise as rows go down.
     polygon: Vec<DVec2>,
     /// Homogeneous edge functions; their sum over the determinant is 1/w.
     edges: [DVec3; 3],
@@ -74,7 +74,7 @@ impl<'a> Projected<'a> {
         })
     }
 
-    /// Whether a pixel's centre is covered.
+    /// Returns whether a pixel's centre is covered.
     pub fn covers(&self, center: DVec2) -> bool {
         self.sides().all(|(from, to)| {
             let side = side(from, to, center);
@@ -84,7 +84,7 @@ impl<'a> Projected<'a> {
         })
     }
 
-    /// How far inside a point is, in pixels; negative outside.
+    /// Returns the distance of a point from the nearest edge, in pixels; negative outside.
     pub fn margin(&self, center: DVec2) -> f64 {
         let distance = |(from, to): (DVec2, DVec2)| side(from, to, center) / (to - from).length();
         let long = |(from, to): &(DVec2, DVec2)| (*to - *from).length() > 1e-12;
@@ -121,13 +121,14 @@ fn side(from: DVec2, to: DVec2, point: DVec2) -> f64 {
     if is_in_order { side } else { -side }
 }
 
-/// What is known of a pixel while facets are drawn.
+/// The state of a pixel while facets are drawn.
 #[derive(Clone, Copy)]
 struct Pixel {
     nearest: Sample,
-    /// Of the next surface behind the nearest one.
+    /// The distance of the next surface behind the nearest one.
     second: f64,
-    /// Of the nearest facet whose edge is so near that it may be there or not.
+    /// The distance of the nearest facet that may or may not cover the pixel, as its edge is so
+    /// near.
     doubted: f64,
 }
 

@@ -19,7 +19,7 @@ pub struct ScreenView {
     pub near_m: f64,
 }
 
-/// Where display space stands in the world.
+/// The placement of display space in the world.
 #[derive(Clone, Copy, Debug)]
 pub struct Pose {
     pub position: DVec3,
@@ -36,7 +36,7 @@ pub struct HomogeneousPixel {
     pub w: f64,
 }
 
-/// What a channel shows of the world.
+/// The view that a channel has of the world.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     pub size: [u32; 2],
@@ -92,7 +92,8 @@ impl View {
         })
     }
 
-    /// Where the ray from the eye to a point of the world meets the screen's plane.
+    /// Returns the point where the ray from the eye to a point of the world meets the screen's
+    /// plane.
     ///
     /// The ray meets it at `v · distance / w`; all is multiplied by `w`, which may be 0.
     pub fn see(&self, world: DVec3) -> HomogeneousPixel {

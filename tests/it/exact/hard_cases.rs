@@ -111,12 +111,13 @@ fn check_around(name: &str, wall: &Wall, place: DVec3, unit: f64) {
     }
 }
 
-/// What is seen, without asking how much of it: of frusta that see nearly everything edge-on.
+/// Checks that no sure pixel is wrong, however few show something: for frusta that see nearly
+/// everything edge-on.
 fn check_none_wrong(name: &str, wall: &Wall) {
     check_wrong(name, wall, 0.0);
 }
 
-/// The same, where this share of all pixels may be another one.
+/// Checks that at most this share of the sure pixels is wrong.
 fn check_wrong(name: &str, wall: &Wall, most: f64) {
     let model = surroundings(DVec3::ZERO, 1.0);
     let mut stage = RenderFixture::of(&model.gltf());

@@ -87,7 +87,7 @@ fn a_vertex_in_the_plane_of_the_eye_needs_no_division() {
     assert!(clip(seen.map(|p| HomogeneousPixel { w: -1.0, ..p }), [200, 100], 0.1).is_empty());
 }
 
-/// What the clipped polygon covers must be where the whole triangle's own functions say so.
+/// The clipped polygon must cover exactly the pixels whose rays hit the whole triangle.
 #[test]
 fn clipped_polygons_cover_what_the_edge_functions_say() {
     let view = view();

@@ -1,4 +1,4 @@
-//! Where points are drawn, to hundredths of a pixel, by the real shaders.
+//! The positions of drawn points, to hundredths of a pixel, by the real shaders.
 //!
 //! A marker is a square that shows a bell curve. The reference knows each of its pixels before
 //! they are rounded to 8 bits, and how they change as the marker moves; so the least squares of
@@ -45,7 +45,7 @@ fn bell() -> (u32, Vec<u8>) {
     (BELL, (0..BELL * BELL).map(code).collect())
 }
 
-/// How markers are put into the file.
+/// The way in which markers are put into the file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Form {
     /// Each is a node of its own below the scene's.
@@ -119,7 +119,7 @@ fn marker(view: &View, pixel: DVec2, w: f64, scene: DVec3, form: Form) -> Part {
     part
 }
 
-/// How far each marker of a channel is drawn from where it should be, in pixels.
+/// Returns the displacement of each of a channel's markers from its expected position, in pixels.
 fn displacements(
     stage: &mut RenderFixture,
     model: &Model,

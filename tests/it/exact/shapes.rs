@@ -45,7 +45,7 @@ fn diagonal(x: f64, y: f64, z: f64) -> DMat3 {
     DMat3::from_diagonal(DVec3::new(x, y, z))
 }
 
-/// What no translation, rotation and scale can say.
+/// A matrix that no translation, rotation and scale can express.
 fn shear() -> DMat3 {
     DMat3::from_cols(DVec3::X, DVec3::new(0.8, 1.0, 0.0), DVec3::new(0.0, -0.6, 1.0))
 }

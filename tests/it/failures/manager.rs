@@ -16,7 +16,7 @@ use crate::harness::local_wall::LocalWall;
 use crate::harness::scenes::{poses, town};
 use crate::harness::wait;
 
-/// Whether all channels showed this frame's predecessors and have drawn it.
+/// Returns whether all channels are live and have drawn this frame.
 fn is_whole(feedback: &FrameFeedback) -> bool {
     let mut channels = feedback.channels.iter();
     channels.all(|c| c.state == ChannelState::Live && c.draw_us.is_some())

@@ -29,8 +29,8 @@ impl Archive {
         Self { entries }
     }
 
-    /// What its only region shows on a screen, of which profile 2d says nothing, and light
-    /// P·α·(1 − β) + β (§2.4).
+    /// Returns the reading of its only region on a screen, of which profile 2d says nothing, with
+    /// light P·α·(1 − β) + β (§2.4).
     pub fn reading(&self, seat: &Seat) -> Reading {
         let text = std::str::from_utf8(&self.entries["mpcdi.xml"]).expect("text");
         let document = roxmltree::Document::parse(text).expect("XML");

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-/// What a file says of the middle of each pixel of a channel, rows from the top.
+/// The values of a file at the middle of each pixel of a channel, rows from the top.
 pub struct Reading {
     pub size: [u32; 2],
     /// Points in metres that the pixels show; `None` where nothing is lit.
@@ -15,8 +15,8 @@ pub struct Reading {
 pub const FULL: [DVec3; 2] = [DVec3::ONE, DVec3::ZERO];
 
 impl Reading {
-    /// Of a float map that is stretched over the channel, bilinear between the middles of its
-    /// cells. Beyond the outermost middles it goes on as between the last two.
+    /// Reads a float map that is stretched over the channel, bilinear between the middles of its
+    /// cells. Beyond the outermost middles it is extrapolated from the last two.
     pub fn of_map(
         map: &FloatMap,
         size: [u32; 2],
@@ -98,7 +98,7 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// What the middle of each pixel shows: linear in each triangle.
+    /// Returns the values at the middle of each pixel: linear in each triangle.
     pub fn reading(&self, size: [u32; 2], point: impl Fn(DVec3) -> DVec3) -> Reading {
         let sides = DVec2::new(f64::from(size[0]), f64::from(size[1]));
         let count = (size[0] * size[1]) as usize;

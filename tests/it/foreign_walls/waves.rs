@@ -23,11 +23,12 @@ pub const PIXELS_PER_PERIOD: f64 = 12.0;
 /// Least share of the light that has enough levels.
 const LIGHT_MIN: f64 = 0.1;
 
-/// How far from its middle a wave is that turns soon, in light.
+/// Maximum distance of a level from the middle of its wave, in light: beyond it, the wave soon
+/// turns.
 const SLOPED_MAX: f64 = 0.3;
 
-/// How far the patterns lie behind the screen: distances from the eye to the screen. A place is
-/// right only where the eye is taken into account.
+/// Distance of the patterns from the eye, in distances from the eye to the screen: they lie behind
+/// it. A place is right only if the eye is taken into account.
 const DEPTH: f64 = 1.5;
 
 /// By how much of the canvas patterns reach beyond it.
@@ -36,7 +37,7 @@ const MARGIN: f64 = 1.0;
 /// Metres from one pattern's place in the world to the next one's.
 const APART_M: f64 = 1000.0;
 
-/// What is drawn.
+/// A pattern that is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pattern {
     /// One light everywhere.
@@ -57,7 +58,7 @@ pub struct Seat {
 }
 
 impl Seat {
-    /// Of the only screen of a wall.
+    /// Creates the seat of the only screen of a wall.
     pub fn of(wall: &Wall) -> Self {
         let plane = wall.screens[0].plane().expect("a planar screen");
         let lower_left = plane.lower_left;
@@ -75,8 +76,8 @@ impl Seat {
         self.lower_left + self.right * u + self.up * v
     }
 
-    /// Where the eye sees a point on the screen's plane, in pixels of the canvas from its upper
-    /// left corner; `None` where its ray does not meet the plane.
+    /// Returns the position at which the eye sees a point on the screen's plane, in pixels of the
+    /// canvas from its upper left corner; `None` if its ray does not meet the plane.
     pub fn place(&self, point: DVec3) -> Option<DVec2> {
         let ray = point - self.eye;
         let met = self.met(self.eye, ray);
@@ -88,7 +89,7 @@ impl Seat {
         is_ahead.then(|| DVec2::new(u, 1.0 - v) * self.canvas)
     }
 
-    /// Where a ray meets the screen's plane.
+    /// Returns the point where a ray meets the screen's plane.
     pub fn met(&self, from: DVec3, ray: DVec3) -> DVec3 {
         let normal = self.right.cross(self.up);
         from + ray * ((self.lower_left - from).dot(normal) / ray.dot(normal))
@@ -102,7 +103,7 @@ impl Seat {
         GREYS.map(Pattern::Flat).into_iter().chain(waves).collect()
     }
 
-    /// Where the pattern of this index is seen.
+    /// Returns the camera that sees the pattern of this index.
     pub fn camera(index: usize) -> Camera {
         Camera { position: DVec3::X * (APART_M * index as f64), ..Camera::IDENTITY }
     }
@@ -172,7 +173,7 @@ impl Seat {
 pub struct Told {
     /// In pixels of the canvas.
     pub place: f64,
-    /// What rounding to a code leaves open, in pixels of the canvas.
+    /// The uncertainty from rounding to a code, in pixels of the canvas.
     pub unsure: f64,
 }
 

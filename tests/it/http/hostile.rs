@@ -1,5 +1,5 @@
-//! What would harm a manager over HTTP: floods of bytes, readers that do not read, and numbers
-//! that are none. The wall goes on, and the manager stays small.
+//! Attacks on a manager over HTTP: floods of bytes, readers that do not read, and invalid numbers.
+//! The wall goes on, and the manager stays small.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -15,7 +15,7 @@ use crate::harness::wait;
 /// Streams of events that one manager serves at once.
 const BROWSERS: usize = 50;
 
-/// What the manager's memory may grow by in a test, in bytes.
+/// Maximum growth of the manager's memory in a test, in bytes.
 const GROWTH_MAX: u64 = 64 << 20;
 
 fn manager() -> Page {

@@ -81,7 +81,8 @@ impl Page {
         exchange(&self.address, text.as_bytes())
     }
 
-    /// The same for a route of the description, which has names in it; notes that it was asked.
+    /// Asks for a route of the description, with these names for its parameters, and records that
+    /// it was asked.
     #[expect(clippy::needless_pass_by_value, reason = "callers make it for this")]
     pub fn route(&self, method: &str, route: &str, names: &[&str], body: Option<Value>) -> Answer {
         let (pattern, query) = route.split_once('?').unwrap_or((route, ""));

@@ -37,7 +37,7 @@ fn check_types(fields: &Value, line: &str) {
     }
 }
 
-/// What the spans around a line say under this key.
+/// Returns the value of this key in the spans around a line.
 fn of_spans<'a>(line: &'a Value, key: &str) -> Option<&'a Value> {
     line["spans"].as_array()?.iter().find_map(|span| span.get(key))
 }

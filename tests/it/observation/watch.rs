@@ -42,7 +42,7 @@ fn without_a_terminal_it_writes_lines_and_finds_a_manager_again() {
 struct Terminal {
     child: Child,
     keys: File,
-    /// The same terminal from the program's side, to see how it was left.
+    /// The terminal from the program's side, to see how it was left.
     inner: File,
     drawn: Arc<Mutex<Vec<u8>>>,
 }

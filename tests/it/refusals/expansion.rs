@@ -10,11 +10,11 @@ use crate::harness::place::TestDir;
 use crate::harness::scenes::{Gltf, poses, town};
 use crate::harness::wait;
 
-/// How long the next scene may take, from its request until it is live: a bake that exists, half a
-/// second for the scene before it, and what a busy machine needs for a few pixels.
+/// Maximum time of the next scene from its request until it is live: a bake that exists, half a
+/// second for the scene before it, and the time that a busy machine needs for a few pixels.
 const NEXT_TIME_MAX: Duration = Duration::from_secs(2);
 
-/// How often that time is tried: the machine may be busy with something else.
+/// Maximum number of times that it is tried: the machine may be busy with something else.
 const TRIES: usize = 4;
 
 /// The triangle as a mesh of so many primitives, drawn by so many nodes.

@@ -131,7 +131,7 @@ fn files_outside_the_scene_folders_are_not_opened() {
     stage.refuses("fetching.gltf", &["http", "buffers[0]"]);
 }
 
-/// What has no end, or waits for a writer that never comes, must not hold the baker.
+/// Files without an end, and pipes without a writer, must not hold the baker.
 #[test]
 fn files_that_are_no_files_are_refused_at_once() {
     let stage = Stage::new();

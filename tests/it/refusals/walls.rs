@@ -24,7 +24,7 @@ origin = [100, 0]
 pixels = [100, 100]
 "#;
 
-/// What is wrong, a change to the wall file, and what the error must say, line and key first.
+/// The fault, a change to the wall file, and the parts of the expected error, line and key first.
 type Case = (&'static str, [&'static str; 2], &'static [&'static str]);
 
 /// The end of the wall, after which tables of channels may stand.

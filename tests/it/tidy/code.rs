@@ -1,7 +1,7 @@
-//! What is left of Rust source when comments and the contents of strings are blanked out, so that
-//! a rule about code is not broken by a sentence about it.
+//! Rust source with comments and the contents of strings blanked out, so that a rule about code is
+//! not broken by a sentence about it.
 
-/// Where in the source a byte stands.
+/// The context of a byte in the source.
 #[derive(Clone, Copy)]
 enum SourceContext {
     Code,

@@ -1,8 +1,9 @@
-//! Which crate may know which: a crate cannot use what it does not depend on.
+//! The dependencies that each crate may have: a crate cannot use what it does not depend on.
 
 use super::tree::Tree;
 
-/// What a crate may depend on of ours, and what it must not have of others, not even for tests.
+/// The crates of ours that a crate may depend on, and others that it must not have, not even for
+/// tests.
 struct Layer {
     folder: &'static str,
     ours: &'static [&'static str],

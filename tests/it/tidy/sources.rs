@@ -9,7 +9,7 @@ const LINES_MAX: usize = 500;
 /// Tests are lists of cases, and longer.
 const TEST_LINES_MAX: usize = 600;
 
-/// As in rustfmt.toml, which leaves comments, strings and shaders alone.
+/// Maximum length of a line, as in rustfmt.toml, which leaves comments, strings and shaders alone.
 const COLUMNS_MAX: usize = 100;
 
 /// Names that say nothing about what is inside.

@@ -7,7 +7,7 @@ use std::path::Path;
 const FOLDERS_SKIPPED: &[&str] =
     &["target", "out", "tests/fuzz/target", "tests/fuzz/corpus", "tests/fuzz/artifacts"];
 
-/// Of the names that begin with a dot, those that are part of the project.
+/// Names that begin with a dot and are part of the project.
 const HIDDEN_READ: &[&str] = &[".ci"];
 
 /// Files whose text the rules may ask for.
@@ -56,7 +56,7 @@ impl Tree {
         file.map(|file| file.text.as_str()).ok_or(format!("{path} is missing: it holds {what}"))
     }
 
-    /// Whether a file or folder stands at this path.
+    /// Returns whether a file or folder is at this path.
     pub fn has(&self, path: &str) -> bool {
         self.files.iter().any(|file| {
             file.path
@@ -66,12 +66,12 @@ impl Tree {
     }
 }
 
-/// Whether the path ends in a dot and one of `endings`.
+/// Returns whether the path ends in a dot and one of `endings`.
 fn has_ending(path: &str, endings: &[&str]) -> bool {
     path.rsplit_once('.').is_some_and(|(_, ending)| endings.contains(&ending))
 }
 
-/// Whether the file has only tests in it.
+/// Returns whether the file contains only tests.
 pub fn is_test_file(path: &str) -> bool {
     path.starts_with("tests/") || path.contains("/tests/") || path.ends_with("/tests.rs")
 }

@@ -40,7 +40,7 @@ fn run<F: Future>(future: F) -> F::Output {
     runtime.expect("a runtime").block_on(limited).expect("an answer in time")
 }
 
-/// What a manager says to these keys and this hello.
+/// Connects with these keys and this hello. The error is the manager's reason for a refusal.
 async fn greet(
     address: &str,
     keys: &Path,
@@ -116,7 +116,7 @@ fn config(authority: &Path, shown: Option<&Path>) -> ClientConfig {
     config.with_client_auth_cert(vec![certificate], key).expect("they fit")
 }
 
-/// What becomes of a client that comes with this.
+/// Connects a client with this TLS configuration. The error is the reason for a refusal.
 async fn shake(address: &str, config: ClientConfig) -> Result<(), String> {
     let tcp = tokio::net::TcpStream::connect(address).await.expect("connected");
     let name = "manager.polyptych".try_into().expect("a name");

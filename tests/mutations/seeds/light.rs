@@ -1,4 +1,4 @@
-//! What surrounds scenes, and how light is shown.
+//! The surroundings of scenes, and requests for the display of light.
 
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::environment::{Environment, EnvironmentSource};

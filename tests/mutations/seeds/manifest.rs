@@ -12,7 +12,7 @@ use polyptych_scene::{
     Volume,
 };
 
-/// The same with levels of detail, which what clips bend has not.
+/// Returns the primitive with levels of detail, which one that clips bend does not have.
 fn with_levels(primitive: &Primitive) -> Primitive {
     let cut = LevelCut {
         level: 1,

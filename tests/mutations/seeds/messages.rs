@@ -52,7 +52,7 @@ use crate::message::Kind;
 /// The manager's life in all seeds, so that the core takes them for its own.
 pub const EPOCH: Epoch = Epoch(7);
 
-/// What the manager's door wants to hear.
+/// The token that the manager expects.
 pub const TOKEN: &str = "0123456789abcdef";
 
 /// The wall of all seeds: two screens with a name in every list.

@@ -13,7 +13,7 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// As one binary file.
+    /// Returns it as one binary file.
     pub fn glb(&self) -> Vec<u8> {
         let mut json = self.json.to_string().into_bytes();
         json.resize(json.len().next_multiple_of(4), b' ');
@@ -29,7 +29,7 @@ impl Parts {
         out
     }
 
-    /// As JSON, with the buffer in a `data:` URI.
+    /// Returns it as JSON, with the buffer in a `data:` URI.
     pub fn gltf(&self) -> Vec<u8> {
         let mut json = self.json.clone();
         let mut uri = "data:application/octet-stream,".to_owned();
