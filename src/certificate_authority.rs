@@ -121,7 +121,7 @@ impl CertificateAuthority {
         Ok(if is_there { IssueOutcome::Renewed } else { IssueOutcome::Made })
     }
 
-    /// That a folder holds keys of this node, by this authority.
+    /// Checks that a folder holds keys of this node, by this authority.
     fn check(&self, node: &NodeIdentity, folder: &Path) -> anyhow::Result<()> {
         Credentials::load(folder)?.expect_identity(node)?;
         let ours = self.folder.join(CERTIFICATE_FILE);

@@ -13,7 +13,7 @@ use polyptych_wall::{ChannelId, Eye, Wall};
 /// ones a channel shows does not matter, so that all channels agree.
 const SHADOWED_VIEWS_MAX: usize = 4;
 
-/// From where, and onto which pixels, a channel or a part of it is seen.
+/// The eye of a channel or of a part of it, with the frustum and the pixels that it sees.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ViewTransform {
     /// In metres of display space.
@@ -110,7 +110,7 @@ pub(crate) fn check_frame(frame: &Frame) -> Result<(), String> {
     Ok(())
 }
 
-/// From where a channel sees a view, for an eye in metres of display space.
+/// Returns the transform of a view on a channel, for an eye in metres of display space.
 ///
 /// # Errors
 /// A view that cannot be shown, an eye that no frustum can be made for.

@@ -69,7 +69,7 @@ pub fn tiled([columns, rows]: [u32; 2], pixels: [u32; 2]) -> Wall {
     wall
 }
 
-/// Returns the wall with [`PATIENCE_MS`] for its deadlines and heartbeat, and without scenes of its
+/// Returns the wall with `PATIENCE_MS` for its deadlines and heartbeat, and without scenes of its
 /// own.
 pub fn patient(mut wall: Wall) -> Wall {
     wall.deadline.min_ms = PATIENCE_MS;

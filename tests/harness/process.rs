@@ -105,14 +105,14 @@ impl Finished {
         self.status.code().or_else(by_signal).unwrap_or(-1)
     }
 
-    /// That it did what it was asked; gives what it said.
+    /// Checks that it succeeded; returns its output.
     #[track_caller]
     pub fn succeeded(self) -> String {
         assert_eq!(self.code(), 0, "{}", self.output);
         self.output
     }
 
-    /// That it failed as a command does, and said why; gives what it said.
+    /// Checks that it failed with an error that has these parts; returns the line of the error.
     #[track_caller]
     pub fn failed(self, parts: &[&str]) -> String {
         assert_eq!(self.code(), 1, "{}", self.output);

@@ -16,7 +16,7 @@ use tokio::sync::oneshot;
 /// The only bucket.
 pub const BUCKET: &str = "walls";
 
-/// Who may read and write it.
+/// The credentials that may read and write it.
 const KEY: &str = "operator";
 const SECRET: &str = "a-secret-of-tests";
 

@@ -25,7 +25,8 @@ const TRIES: usize = 3;
 /// Frames per second of these walls.
 const RATE: f64 = 30.0;
 
-/// By how much a busy machine may hold up a frame beyond what it did before anything failed.
+/// Milliseconds by which a busy machine may delay a frame, beyond the delays before anything
+/// failed.
 const MACHINE_MS: f64 = 40.0;
 
 /// The share of its pace that a wall keeps on a busy machine.
@@ -52,7 +53,7 @@ fn in_time(mut attempt: impl FnMut() -> Result<(), String>) {
     panic!("not in time:\n{}", wrong.join("\n"));
 }
 
-/// That this holds; the error says what was there instead.
+/// Checks a condition; the error gives the value that was seen instead.
 fn hold(holds: bool, what: &str, seen: &impl std::fmt::Debug) -> Result<(), String> {
     if holds { Ok(()) } else { Err(format!("{what}: {seen:?}")) }
 }
@@ -100,7 +101,7 @@ impl Run {
         self.log.lines().any(|line| parts.iter().all(|part| line.contains(part)))
     }
 
-    /// That the wall kept its pace.
+    /// Checks that the wall kept its pace.
     fn kept_its_pace(&self) -> Result<(), String> {
         let seconds = self.report["seconds"].as_f64().expect("a number");
         let frames = self.report["frames"].as_f64().expect("a number");
@@ -127,7 +128,7 @@ impl Fault<'_> {
         Ok(self.ms(key)? - self.ms("over_ms")?)
     }
 
-    /// That the others missed one deadline at most, and lost no more time by it.
+    /// Checks that the others missed one deadline at most, and lost no more time by it.
     fn spared_the_others(&self) -> Result<(), String> {
         let of_control = |key: &str| self.control[key].as_f64().expect("a number");
         // A control that was late itself was watched into the fault; it excuses no more than this.
@@ -143,14 +144,14 @@ impl Fault<'_> {
         )
     }
 
-    /// That the channel was not live for a while, and then was again.
+    /// Checks that the channel was not live for a while, and then was again.
     fn was_away(&self) -> Result<(), String> {
         let seen = self.record["states"].as_array().expect("a list");
         hold(seen.iter().any(|state| state != "live"), "always live", &seen)?;
         self.ms("live_again_ms").map(drop)
     }
 
-    /// That the channel went through these states, in this order, and was live again.
+    /// Checks that the channel went through these states, in this order, and was live again.
     fn went_through(&self, states: &[&str]) -> Result<(), String> {
         let seen: Vec<&str> = self.record["states"]
             .as_array()

@@ -34,7 +34,7 @@ const LEVELS_MAX: f64 = 1.0;
 /// that jump or are noisy, 200 in a million were found.
 const BEYOND_MAX: f64 = 5e-4;
 
-/// By how much of its length a step from pixel to pixel changes where a map has an edge.
+/// Minimum fraction of its length by which a step from pixel to pixel changes at an edge of a map.
 const EDGE_CHANGE: f64 = 0.25;
 
 /// Maximum uncertainty of a judged place, from rounding to codes, in pixels.

@@ -17,7 +17,7 @@ fn scene() -> Gltf {
     })
 }
 
-/// That these lines say both things that are not drawn, and move no cursor.
+/// Checks that these lines state both things that are not drawn, and move no cursor.
 #[track_caller]
 fn check_notes(notes: &[String]) {
     for part in ["2 scenes: 0, 1; this is 0", "ACME_shimmer\\u{1b}[2J"] {

@@ -139,7 +139,7 @@ fn start(place: &TestDir, folder: &Path, path: &Path, listen: &str) -> (Process,
     (manager, address.expect("an address behind its name").to_owned())
 }
 
-/// That all of [`Desk::work`] is there.
+/// Checks that all of [`Desk::work`] is there.
 #[track_caller]
 fn check_all(desk: &Desk) {
     check_tunings(desk);

@@ -66,7 +66,7 @@ fn counts(picture: &RgbaImage) -> [usize; 3] {
     counts
 }
 
-/// That the picture has this colour, of red, green and blue, and no other.
+/// Checks that the picture has this colour, of red, green and blue, and no other.
 #[track_caller]
 fn check_color(picture: &RgbaImage, color: usize) {
     let counts = counts(picture);

@@ -41,7 +41,7 @@ const QUESTIONS: [&[&str]; 5] = [
     &["tune", "front-1-1", "--show"],
 ];
 
-/// That a command was done and not seen by these channels, for these reasons.
+/// Checks that a command was done and not seen by these channels, for these reasons.
 #[track_caller]
 fn check_unseen(finished: Finished, missing: &[(&str, &str)]) -> String {
     assert_eq!(finished.code(), 3, "{}", finished.output);

@@ -157,7 +157,7 @@ pub struct Renderer {
     shadows: frame::Shadows,
     enlarge: pass::enlarge::EnlargePass,
     occlusion: OcclusionCulling,
-    /// That of the last frame, which the next scene is prepared for.
+    /// The tone mapper of the last frame, for which the next scene is prepared.
     tone: ToneMapper,
     fog: Option<Fog>,
 }

@@ -44,7 +44,7 @@ impl HostMemory {
     /// that alone are more than the limit wait until nothing else is held.
     ///
     /// # Errors
-    /// That of `check`, which says whether the bytes are wanted.
+    /// Those of `check`, which says whether the bytes are wanted.
     pub fn count(
         &self,
         bytes: Bytes,

@@ -67,7 +67,7 @@ pub(super) fn focus_chart(size: UVec2) -> RgbaImage {
     })
 }
 
-/// In which of so many equal parts of a side a pixel lies.
+/// Returns the index of the part that a pixel lies in, if a side has so many equal parts.
 fn part(at: u32, side: u32, parts: u32) -> u32 {
     (u64::from(at) * u64::from(parts) / u64::from(side)) as u32
 }

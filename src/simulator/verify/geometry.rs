@@ -27,7 +27,7 @@ const WARPED_ERROR_MAX_PX: f64 = 0.1;
 /// Maximum distance between the positions at which two channels show one point, in pixels.
 const SEAM_MAX_PX: f64 = 0.05;
 
-/// By how much more a point may be off in one frame than in the one before, in pixels.
+/// Maximum growth of a point's error from one frame to the next, in pixels.
 const JITTER_MAX_PX: f64 = 0.01;
 
 /// Half side of a marker in pixels, where the channel has room.

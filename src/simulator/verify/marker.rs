@@ -64,7 +64,7 @@ pub(crate) struct LuminanceImage {
 /// The reading of a marker from a channel's picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Reading {
-    /// By how many pixels it is from where it must be.
+    /// The offset from its expected position, in pixels.
     Off(DVec2),
     /// The channel has too little of the light there to tell, or sees it too much from the side.
     Unclear,

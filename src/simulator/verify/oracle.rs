@@ -16,7 +16,7 @@ const NEAR_MIN: f64 = 0.9999;
 /// Most pixels that may be off by more than eight levels, as a share.
 const FAR_MAX: f64 = 20e-6;
 
-/// Within how many levels a picture that several channels share is judged: each rounds its share.
+/// The levels within which a picture that several channels share is judged: each rounds its share.
 const SHARED_LEVELS: u8 = 2;
 
 /// Share of pixels that must keep that.

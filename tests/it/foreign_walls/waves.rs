@@ -31,7 +31,7 @@ const SLOPED_MAX: f64 = 0.3;
 /// it. A place is right only if the eye is taken into account.
 const DEPTH: f64 = 1.5;
 
-/// By how much of the canvas patterns reach beyond it.
+/// The fraction of the canvas by which patterns reach beyond it.
 const MARGIN: f64 = 1.0;
 
 /// Metres from one pattern's place in the world to the next one's.

@@ -1,4 +1,4 @@
-//! Who may command a wall over HTTP, and from which pages.
+//! The clients and pages that may command a wall over HTTP.
 
 use polyptych_tls::Credentials;
 use serde_json::json;

@@ -111,7 +111,7 @@ impl Family {
     }
 }
 
-/// What, name, and the rest of the line.
+/// Returns the three parts of a comment: keyword, name, and the rest of the line.
 fn words(comment: &str) -> [&str; 3] {
     let mut words = comment.splitn(3, ' ');
     [(); 3].map(|()| words.next().unwrap_or_else(|| panic!("{comment}: not three words")))

@@ -128,7 +128,7 @@ fn check_numbers(client: &Client, address: &str, names: &[&str]) {
     assert!(metrics.value("process_resident_memory_bytes") > 1e6);
 }
 
-/// Whatever else comes to the address is told so, and holds nothing.
+/// Checks that other requests to the address are refused, and hold nothing.
 fn check_strangers(address: &str) {
     let head = |said: &str| {
         let answer = exchange(address, said);

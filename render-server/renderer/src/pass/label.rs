@@ -22,7 +22,7 @@ pub enum LabelPosition {
 pub struct Label {
     /// One under the other. Letters outside of ASCII become "?".
     pub lines: Vec<String>,
-    /// Where.
+    /// The position of the lines on the display.
     pub place: LabelPosition,
 }
 

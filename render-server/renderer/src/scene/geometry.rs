@@ -16,7 +16,7 @@ pub(crate) struct Geometry {
     pub vertices: wgpu::Buffer,
     /// Bytes of the vertices, which come first in their buffer.
     pub vertex_bytes: u64,
-    /// That of the vertices, or another one.
+    /// The buffer of the vertices, or another one.
     pub indices: wgpu::Buffer,
     /// The place of the first index in their buffer, in bytes.
     pub first_index_byte: u64,

@@ -274,7 +274,7 @@ pub(crate) fn joined<'a>(mut meshlets: impl Iterator<Item = &'a Meshlet>) -> Opt
     })
 }
 
-/// From where, or along what, a geometry is seen, in its own space.
+/// The eye, or the direction of parallel rays, in a geometry's own space.
 #[derive(Clone, Copy, Debug)]
 enum CullView {
     From(DVec3),

@@ -265,7 +265,7 @@ struct WindowMeans {
 struct Sums {
     /// The most black that the wall shows of a place.
     all_black: DVec3,
-    /// By how many levels a code may be off: half of one, and noise of another half.
+    /// Maximum error of a code in levels: half of one, and noise of another half.
     step: f64,
     /// The maximum number of channels that light one place.
     most: usize,
@@ -370,9 +370,9 @@ impl Sums {
         }
     }
 
-    /// By how much light is off what it should be, in parts of what rounding may do:
-    /// 0.5·k^(1/γ) levels, or what half a level of each share comes to. Both are the same but
-    /// near black, where half a level is no small part of a code, and where sRGB is linear.
+    /// Returns the error of light in parts of what rounding may do: 0.5·k^(1/γ) levels, or what
+    /// half a level of each share comes to. Both are the same but near black, where half a level is
+    /// no small part of a code, and where sRGB is linear.
     fn off(
         &self,
         lamps: &[LitChannel<'_>],
