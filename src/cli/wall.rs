@@ -71,11 +71,11 @@ pub(super) struct Common {
 
 pub(super) fn run(wall: &WallCommand) -> anyhow::Result<ExitCode> {
     match wall {
-        WallCommand::Grid(arguments) => write(&arguments.text()?, &arguments.common)?,
-        WallCommand::Arch(arguments) => write(&arguments.text()?, &arguments.common)?,
-        WallCommand::Cylinder(arguments) => write(&arguments.text()?, &arguments.common)?,
-        WallCommand::Cave(arguments) => write(&arguments.text()?, &arguments.common)?,
-        WallCommand::Dome(arguments) => write(&arguments.text()?, &arguments.common)?,
+        WallCommand::Grid(arguments) => write(|| arguments.text(), &arguments.common)?,
+        WallCommand::Arch(arguments) => write(|| arguments.text(), &arguments.common)?,
+        WallCommand::Cylinder(arguments) => write(|| arguments.text(), &arguments.common)?,
+        WallCommand::Cave(arguments) => write(|| arguments.text(), &arguments.common)?,
+        WallCommand::Dome(arguments) => write(|| arguments.text(), &arguments.common)?,
         WallCommand::Fisheye(arguments) => arguments.run()?,
         WallCommand::Equirectangular(arguments) => arguments.run()?,
         WallCommand::CubeMap(arguments) => arguments.run()?,
@@ -87,14 +87,18 @@ pub(super) fn run(wall: &WallCommand) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Writes a wall file that passes its own check.
-fn write(text: &str, common: &Common) -> anyhow::Result<()> {
+/// Makes and writes a wall file that passes its own check, if its path can be written.
+fn write(make: impl FnOnce() -> anyhow::Result<String>, common: &Common) -> anyhow::Result<()> {
+    // Before the work: the lenses of a dome take a second.
+    if let Some(path) = &common.output {
+        outputs::check_source(path, common.force)?;
+    }
+    let text = make()?;
     let path = common.output.as_deref().unwrap_or(Path::new("wall.toml"));
-    let wall = polyptych_wall_file::parse(text, path).map_err(|error| {
+    let wall = polyptych_wall_file::parse(&text, path).map_err(|error| {
         anyhow!("these numbers make no wall: {}: {}; {}", error.key(), error.what(), error.remedy())
     })?;
     let Some(path) = &common.output else { return say(text.trim_end()) };
-    outputs::check_source(path, common.force)?;
     outputs::write(path, text.as_bytes())?;
     let table = CheckReport::from_wall(&wall);
     say(format_args!("{}: {}", path.display(), kind(&table)))?;

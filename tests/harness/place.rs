@@ -26,8 +26,13 @@ pub struct TestDir {
 impl TestDir {
     /// An empty folder; baked scenes are shared with the other tests of this run.
     pub fn new() -> Self {
-        let [cache, shaders] = ["cache", "shaders"].map(|name| of_this_run().join(name));
-        Self { cache, shaders, ..Self::cold() }
+        Self { cache: of_this_run().join("cache"), ..Self::unbaked() }
+    }
+
+    /// An empty folder whose user has never baked a scene. Compiled shaders are shared with the
+    /// other tests of this run: compiling them takes longer than most tests do.
+    pub fn unbaked() -> Self {
+        Self { shaders: of_this_run().join("shaders"), ..Self::cold() }
     }
 
     /// An empty folder whose user has never baked a scene nor drawn one.

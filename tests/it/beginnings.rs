@@ -59,7 +59,7 @@ fn a_scene_folder_that_is_missing_is_named_at_the_start() {
 
 #[test]
 fn a_bake_works_under_a_lower_limit_of_the_system() {
-    let place = TestDir::cold();
+    let place = TestDir::unbaked();
     let scene = town().display();
     let program = place.command([""; 0]).get_program().to_owned();
     let bake = |kib: u32| {

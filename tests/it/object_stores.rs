@@ -134,12 +134,33 @@ fn expected() -> &'static RgbaImage {
     })
 }
 
-/// A place and a store with all blobs of the town.
+/// A place whose manager has baked the town, and a store with all of its blobs.
 fn stored_town() -> (TestDir, S3Server) {
-    let place = TestDir::cold();
+    static BAKED: OnceLock<TestDir> = OnceLock::new();
+    let baked = BAKED.get_or_init(|| {
+        let place = TestDir::unbaked();
+        let store = S3Server::start(&place.path("s3"));
+        bake(&place, &store, STORE).succeeded();
+        place
+    });
+    let place = TestDir::unbaked();
+    for folder in ["s3", "cache"] {
+        copy_folder(&baked.path(folder), &place.path(folder));
+    }
     let store = S3Server::start(&place.path("s3"));
-    bake(&place, &store, STORE).succeeded();
     (place, store)
+}
+
+fn copy_folder(from: &Path, to: &Path) {
+    fs::create_dir_all(to).expect("made");
+    for entry in fs::read_dir(from).expect("a folder").map(|entry| entry.expect("one")) {
+        let to = to.join(entry.file_name());
+        if entry.file_type().expect("known").is_dir() {
+            copy_folder(&entry.path(), &to);
+        } else {
+            fs::copy(entry.path(), to).expect("copied");
+        }
+    }
 }
 
 #[test]

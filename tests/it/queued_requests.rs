@@ -12,7 +12,7 @@ use crate::harness::wait;
 
 /// A wall whose town has not been baked yet, which takes its time.
 fn wall() -> LocalWall {
-    let place = TestDir::cold();
+    let place = TestDir::unbaked();
     let town = std::fs::read(town()).expect("the town");
     let folder = place.write("town.glb", &town).parent().expect("a folder").to_owned();
     // Another name is another bake.

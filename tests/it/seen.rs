@@ -157,7 +157,7 @@ fn open_says_how_far_it_is_and_so_does_the_status() {
 #[test]
 fn a_client_hears_how_far_a_bake_is() {
     let folder = town().parent().expect("a folder");
-    let local = LocalWall::manager(TestDir::cold(), &small(1, 1), &[folder], ANY_PORT);
+    let local = LocalWall::manager(TestDir::unbaked(), &small(1, 1), &[folder], ANY_PORT);
     let mut heard = Vec::new();
     local.client().open_scene_with("town.glb", |progress| heard.push(progress)).expect("opened");
     let baking = heard.iter().filter(|p| p.stage == polyptych_client::OpenStage::Baking);

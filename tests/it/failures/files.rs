@@ -19,7 +19,7 @@ fn a_client_is_told_of_a_baker_that_dies_and_the_wall_goes_on() {
     let folder = town().parent().expect("a folder");
     let wall = brisk(1, 1);
     // Nothing is baked yet in a cold place.
-    let mut local = LocalWall::manager(TestDir::cold(), &wall, &[folder], ANY_PORT);
+    let mut local = LocalWall::manager(TestDir::unbaked(), &wall, &[folder], ANY_PORT);
     local.start_server(&wall.channels[0].server);
     let client = local.client();
     await_states(&client, &[ChannelState::Ready]);
@@ -151,7 +151,7 @@ fn damage(blobs: &[PathBuf]) {
 
 #[test]
 fn one_open_mends_a_store_and_a_cache_that_are_damaged_in_every_way() {
-    let mut wall = Cached::start_in(TestDir::cold());
+    let mut wall = Cached::start_in(TestDir::unbaked());
     wall.start_server();
     let bounds = wall.client.open_scene("town.glb").expect("opened").bounds.expect("bounds");
     let before = shot(&wall.client, poses(&bounds)[2]);
@@ -204,7 +204,7 @@ fn a_cache_that_cannot_be_written_is_done_without() {
 #[test]
 fn a_store_that_cannot_be_written_is_told_to_the_client() {
     let folder = town().parent().expect("a folder");
-    let place = TestDir::cold();
+    let place = TestDir::unbaked();
     // The manager's cache folder is one of its own in a cold place.
     place.write("cache/polyptych/store", "in the way");
     let wall = brisk(1, 1);
