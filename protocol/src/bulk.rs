@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::ids::FrameId;
 
-/// What a server sends over its bulk connection.
+/// Messages of a server over its bulk connection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum BulkToManager {
     /// Asks for a blob of a scene that it was sent.
@@ -16,7 +16,7 @@ pub enum BulkToManager {
     Picture(CaptureChunk),
     /// Asks for the rest of a blob whose beginning the server has.
     WantRest {
-        /// Which blob.
+        /// The blob.
         hash: BlobHash,
         /// Bytes that the server has: a multiple of
         /// [`polyptych_files::blob::CHUNK_BYTES_MAX`] below the blob's size.
@@ -24,14 +24,14 @@ pub enum BulkToManager {
     },
 }
 
-/// What the manager sends over a server's bulk connection.
+/// Messages of the manager over a server's bulk connection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum BulkToServer {
     /// A piece of a blob; pieces come in order.
     Chunk(BlobChunk),
     /// It is not to be had, and why.
     Missing {
-        /// What was asked for.
+        /// The requested blob.
         hash: BlobHash,
         /// Why it does not come.
         reason: String,
@@ -41,11 +41,11 @@ pub enum BulkToServer {
 /// At most [`polyptych_files::blob::CHUNK_BYTES_MAX`] bytes of a blob.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BlobChunk {
-    /// Which blob.
+    /// The blob.
     pub hash: BlobHash,
     /// Bytes of the whole blob.
     pub total: u64,
-    /// Where these bytes begin.
+    /// The offset of these bytes in the blob.
     pub offset: u64,
     /// The bytes.
     pub bytes: Bytes,
@@ -63,7 +63,7 @@ pub struct CaptureChunk {
     pub width: u32,
     /// Pixels down.
     pub height: u32,
-    /// Where these bytes begin.
+    /// The offset of these bytes in the picture.
     pub offset: u64,
     /// The bytes.
     pub bytes: Bytes,

@@ -1,4 +1,4 @@
-//! What the manager tells a render server on its control connection.
+//! Commands of the manager to a render server, on the control connection.
 
 use polyptych_scene::ClipTime;
 use polyptych_text::text_of_peer;
@@ -41,7 +41,7 @@ pub enum Goodbye {
     /// The manager goes on without this peer.
     #[error("{reason}")]
     Closed {
-        /// What the peer did, or who took its place.
+        /// The fault of the peer, or the peer that took its place.
         #[serde(deserialize_with = "text_of_peer")]
         reason: String,
     },
@@ -58,7 +58,7 @@ impl Goodbye {
 /// once it could draw the new state at once.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Prepare {
-    /// Which life of the manager the revisions belong to.
+    /// The epoch of the manager that the revisions belong to.
     pub epoch: Epoch,
     /// The revision that the operations begin from; `None` where they are a whole snapshot.
     pub base: Option<Revision>,
@@ -71,7 +71,7 @@ pub struct Prepare {
 /// A frame: all that a picture depends on, beside the state of the revision it names.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
-    /// Which life of the manager.
+    /// The manager's epoch.
     pub epoch: Epoch,
     /// Its number.
     pub frame: FrameId,
@@ -79,15 +79,15 @@ pub struct Frame {
     pub time_s: f64,
     /// The state to draw.
     pub revision: Revision,
-    /// What is looked at, from where, and how it is shown.
+    /// The camera, the head, and how the scene is shown.
     pub presentation: Presentation,
-    /// Whether every server sends the picture of this frame over its bulk connection, once drawn.
+    /// `true` if every server sends the picture of this frame over its bulk connection, once drawn.
     pub capture: bool,
     /// The error up to which coarser levels of detail are drawn.
     pub detail: DetailBound,
     /// The clips that move the scene, as they stand in this frame.
     pub clips: Vec<ClipTime>,
-    /// Whether servers measure how bright the picture is, once it is shown.
+    /// `true` if servers measure the brightness of the picture once it is shown.
     #[serde(default)]
     pub is_metered: bool,
 }
@@ -95,7 +95,7 @@ pub struct Frame {
 /// Show the frame, unless it is too late.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Swap {
-    /// Which life of the manager.
+    /// The manager's epoch.
     pub epoch: Epoch,
     /// The frame that all live channels have drawn.
     pub frame: FrameId,
@@ -112,8 +112,8 @@ pub struct Swap {
 pub struct Pong {
     /// The ping's own time, in the server's clock.
     pub sent_us: u64,
-    /// When the ping came, in manager time.
+    /// The arrival of the ping, in manager time.
     pub received_us: u64,
-    /// When this went out, in manager time.
+    /// The departure of this message, in manager time.
     pub answered_us: u64,
 }

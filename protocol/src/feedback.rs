@@ -1,4 +1,4 @@
-//! What clients learn of frames and channels.
+//! Feedback to clients about frames and channels.
 
 use std::fmt;
 
@@ -12,7 +12,7 @@ use crate::progress::Opening;
 use crate::quality_bounds::DrawnDetail;
 use crate::transaction::AssetNumbers;
 
-/// Where a channel stands.
+/// The state of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ChannelState {
@@ -50,7 +50,7 @@ impl fmt::Display for ChannelState {
     }
 }
 
-/// Which displays showed a frame; see [`FrameFeedback::shown`].
+/// The displays that showed a frame; see [`FrameFeedback::shown`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Shown {
@@ -62,7 +62,7 @@ pub enum Shown {
     ByNone,
 }
 
-/// What a frame became.
+/// The outcome of a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameFeedback {
     /// The frame.
@@ -74,7 +74,7 @@ pub struct FrameFeedback {
     /// From the frame command to the swap command. A frame that is sent ahead waits for the swap of
     /// the one before, too.
     pub frame_us: u64,
-    /// What of that the slowest channel did not draw: network, waiting, deciding.
+    /// The part of that time in which the slowest channel did not draw: network, waiting, deciding.
     pub barrier_us: u64,
     /// Times that the mouse over a window has moved the wall's camera since the manager started. A
     /// client that sets a camera of its own with every frame stops doing so once this grows.
@@ -113,13 +113,13 @@ impl FrameFeedback {
     }
 }
 
-/// What a channel did for a frame.
+/// A channel's part in a frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelFeedback {
     /// The channel's name.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
-    /// When the frame was swapped.
+    /// The state at the time of the frame's swap.
     pub state: ChannelState,
     /// For how long it had been in that state.
     pub since_ms: u64,
@@ -135,7 +135,7 @@ pub struct ChannelFeedback {
     pub triangles: u64,
     /// Calls that drew them.
     pub draw_calls: u32,
-    /// Of its present calls, as it was about a second ago at most.
+    /// The skew of its present calls, at most about a second old.
     pub skew: Skew,
 }
 
@@ -148,11 +148,11 @@ impl ChannelFeedback {
     }
 }
 
-/// How far the present calls of a channel lie behind those of the first channel of the same
-/// frame, over the wall's last frames; in microseconds of manager time.
+/// The delay of a channel's present calls after those of the first channel of the same frame, over
+/// the wall's last frames; in microseconds of manager time.
 ///
-/// *Present-call skew*: a display may show a frame up to one refresh later. Two estimates of the
-/// manager's clock stand behind a number, so that it may be off by both of their errors.
+/// *Present-call skew*: a display may show a frame up to one refresh later. Each value rests on two
+/// estimates of the manager's clock, so that it may be off by both of their errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Skew {
     /// Frames that were compared.
@@ -163,7 +163,7 @@ pub struct Skew {
     pub p99_us: u32,
     /// The largest.
     pub max_us: u32,
-    /// How far off the server's estimate of the manager's clock may be; `None` before the first
+    /// The maximum error of the server's estimate of the manager's clock; `None` before the first
     /// present call that it has dated.
     pub clock_error_us: Option<u32>,
 }
@@ -178,7 +178,7 @@ pub struct WallStatus {
     pub epoch: Epoch,
     /// Changes so far.
     pub revision: Revision,
-    /// Of the state at that revision.
+    /// The digest of the state at that revision.
     pub digest: Digest,
     /// The last frame that was swapped.
     pub frame: FrameId,
@@ -190,17 +190,17 @@ pub struct WallStatus {
     /// The error bound of the next frame in pixels of the wall: the one that is asked for, or what
     /// the rate bound makes of it.
     pub error_in_force_px: f64,
-    /// What the next frame presents.
+    /// The presentation of the next frame.
     pub presentation: Presentation,
     /// One for each channel of the wall, in the wall's order.
     pub channels: Vec<ChannelStatus>,
     /// Connected clients, by name.
     #[serde(deserialize_with = "text_of_peer")]
     pub clients: Vec<String>,
-    /// What a person should know, such as adapters that differ.
+    /// Warnings for a person, such as adapters that differ.
     #[serde(deserialize_with = "text_of_peer")]
     pub warnings: Vec<String>,
-    /// What of the open scene is not drawn, or not as its file has it; see
+    /// Parts of the open scene that are not drawn, or not as its file has them; see
     /// [`polyptych_scene::Scene::notes`].
     #[serde(deserialize_with = "text_of_peer")]
     pub notes: Vec<String>,
@@ -223,11 +223,11 @@ pub struct ChannelStatus {
     /// The channel's name.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
-    /// Where it stands.
+    /// The channel's state.
     pub state: ChannelState,
-    /// For how long.
+    /// The time that it has been in that state.
     pub since_ms: u64,
-    /// Why, where there is a reason.
+    /// The reason for the state, if there is one.
     #[serde(deserialize_with = "text_of_peer")]
     pub reason: Option<String>,
     /// The server's process id.
@@ -235,7 +235,7 @@ pub struct ChannelStatus {
     /// The server's address.
     #[serde(deserialize_with = "text_of_peer")]
     pub address: Option<String>,
-    /// What the server draws with.
+    /// The name of the server's graphics adapter.
     #[serde(deserialize_with = "text_of_peer")]
     pub adapter: Option<String>,
     /// The last frame that it showed.
@@ -246,7 +246,7 @@ pub struct ChannelStatus {
     pub late: u64,
     /// Its drawing time of the last frame that it drew in time, in microseconds.
     pub draw_us: Option<u32>,
-    /// Of its present calls.
+    /// The skew of its present calls.
     pub skew: Skew,
     /// Resident memory of its server's process, in bytes.
     pub memory_bytes: u64,
@@ -254,7 +254,7 @@ pub struct ChannelStatus {
     pub scene_bytes: u64,
 }
 
-/// What the frames took since the statistics were last reset.
+/// Measurements of the frames since the statistics were last reset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Statistics {
     /// Frames swapped.
@@ -272,15 +272,15 @@ pub struct Statistics {
     /// The slowest waited-for channel's own drawing time, in milliseconds, of frames that at least
     /// one of these had drawn when they were swapped.
     pub draw_ms: Quantiles,
-    /// What of a frame the slowest channel did not draw, in microseconds.
+    /// The part of a frame in which the slowest channel did not draw, in microseconds.
     pub barrier_us: Quantiles,
     /// From the first to the last channel's present call of a frame, in microseconds.
     pub swap_skew_us: Quantiles,
     /// Deadlines missed, over all channels.
     pub late: u64,
-    /// Of the last frame, over all channels.
+    /// Triangles of the last frame, over all channels.
     pub triangles: u64,
-    /// Of the last frame, over all channels.
+    /// Draw calls of the last frame, over all channels.
     pub draw_calls: u64,
     /// The sum of those of all channels.
     pub draws_occluded: u64,
@@ -297,7 +297,7 @@ pub struct Statistics {
     pub limiting_channel: Option<String>,
     /// Control bytes in both directions for one frame, over all channels.
     pub bytes_per_frame: f64,
-    /// What the open scene needs of the renderer.
+    /// The renderer features that the open scene needs.
     #[serde(deserialize_with = "text_of_peer")]
     pub features: Vec<String>,
     /// One for each channel of the wall, in the wall's order.
@@ -320,13 +320,13 @@ impl ResolutionScales {
     pub const FULL: Self = Self { p50: 1.0, min: 1.0 };
 }
 
-/// What the frames took on one channel.
+/// Measurements of the frames on one channel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelStatistics {
     /// The channel's name.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
-    /// At the time of asking.
+    /// The state at the time of the request.
     pub state: ChannelState,
     /// Frames shown.
     pub frames: u64,
@@ -336,7 +336,7 @@ pub struct ChannelStatistics {
     pub draw_ms: Quantiles,
     /// Its present call after the first channel's of the same frame, in microseconds.
     pub swap_skew_us: Quantiles,
-    /// How far off its clock estimate may be, in microseconds.
+    /// The maximum error of its clock estimate, in microseconds.
     pub clock_error_us: u32,
     /// The longest time between two shown frames.
     pub longest_gap_ms: f64,
@@ -345,24 +345,24 @@ pub struct ChannelStatistics {
     pub unscheduled: u64,
     /// Deadlines missed.
     pub late: u64,
-    /// Of its last frame.
+    /// Triangles of its last frame.
     pub triangles: u64,
-    /// Of its last frame.
+    /// Draw calls of its last frame.
     pub draw_calls: u64,
     /// The most primitives in their places that it left out of a frame because others hide them. It
     /// does so where that makes frames faster, which it tries now and then.
     pub draws_occluded: u64,
-    /// What its server draws with.
+    /// The name of its server's graphics adapter.
     #[serde(deserialize_with = "text_of_peer")]
     pub adapter: Option<String>,
     /// Resident memory of its server's process, in bytes.
     pub memory_bytes: u64,
 }
 
-/// Where a set of measurements lies.
+/// The distribution of a set of measurements.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Quantiles {
-    /// How many.
+    /// The number of measurements.
     pub count: u64,
     /// Half are below.
     pub p50: f64,
@@ -375,7 +375,8 @@ pub struct Quantiles {
 }
 
 impl Quantiles {
-    /// Where these values lie: the quantile q is the least value that q of all do not exceed.
+    /// Returns the quantiles of these values: the quantile q is the smallest value such that at
+    /// least the fraction q of all values does not exceed it. All are 0 if there are no values.
     pub fn from_samples(values: impl IntoIterator<Item = f64>) -> Self {
         let mut sorted: Vec<f64> = values.into_iter().collect();
         sorted.sort_by(f64::total_cmp);
@@ -388,18 +389,18 @@ impl Quantiles {
     }
 }
 
-/// What a tuning has become.
+/// The outcome of a tuning.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tuned {
     /// The state that has it.
     pub revision: Revision,
     /// Frames that were begun from the request to the first one with it, that one among them.
     pub frames: u64,
-    /// What the first frame with it became: which displays show it, and which do not.
+    /// The outcome of the first frame with it: the displays that show it, and those that do not.
     pub feedback: FrameFeedback,
 }
 
-/// What a transaction has become.
+/// The outcome of a transaction.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Edited {
     /// The state that has it.
@@ -410,7 +411,7 @@ pub struct Edited {
     pub assets: Option<AssetNumbers>,
     /// Frames that were begun from the request to the first one with it, that one among them.
     pub frames: u64,
-    /// What the first frame with it became: which displays show it, and which do not.
+    /// The outcome of the first frame with it: the displays that show it, and those that do not.
     pub feedback: FrameFeedback,
     /// Parts of the file of its assets that are not drawn, or not as there; see
     /// [`polyptych_scene::Scene::notes`].

@@ -23,7 +23,7 @@ pub const PREAMBLE_BYTES: usize = 8;
 
 const MAGIC: [u8; 4] = *b"PLYP";
 
-/// What a peer is to the wall.
+/// The role of a peer in the wall.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Role {
     /// Decides.
@@ -46,7 +46,7 @@ impl Role {
         }
     }
 
-    /// As people call it.
+    /// Returns the role's name for logs and errors.
     pub fn name(self) -> &'static str {
         match self {
             Self::Manager => "manager",
@@ -60,9 +60,9 @@ impl Role {
 /// The first eight bytes in each direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Preamble {
-    /// Of the protocol.
+    /// The sender's version of the protocol.
     pub version: u16,
-    /// Of the sender.
+    /// The sender's role.
     pub role: Role,
 }
 
@@ -95,7 +95,7 @@ impl Preamble {
         Self { version: PROTOCOL_VERSION, role }
     }
 
-    /// As it travels.
+    /// Returns the preamble's bytes on the wire.
     pub fn to_bytes(self) -> [u8; PREAMBLE_BYTES] {
         let [low, high] = self.version.to_le_bytes();
         let [m0, m1, m2, m3] = MAGIC;
@@ -183,7 +183,7 @@ impl fmt::Debug for Secret {
 /// The first message of a peer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Introduction {
-    /// What it says of itself.
+    /// The peer's hello.
     pub hello: Hello,
     /// Its random bytes, which the manager answers.
     pub nonce: Nonce,
@@ -191,7 +191,7 @@ pub struct Introduction {
     pub proof: Proof,
 }
 
-/// What a peer says of itself, for its role.
+/// A peer's description of itself, for its role.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Hello {
     /// A client's.
@@ -218,21 +218,21 @@ pub struct ServerHello {
     pub channels: Vec<String>,
     /// Its process id, for an operator who wants to look at it.
     pub pid: u32,
-    /// What it draws with.
+    /// The server's graphics adapter.
     pub adapter: Adapter,
 }
 
 /// A render server's second connection says which first one it belongs to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BulkHello {
-    /// As the [`Welcome`] of the control connection gave it.
+    /// The session number from the [`Welcome`] of the control connection.
     pub session: u64,
 }
 
 /// A GPU and its driver.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Adapter {
-    /// As the driver names it.
+    /// The adapter's name from its driver.
     pub name: String,
     /// The driver and its version.
     pub driver: String,
@@ -258,7 +258,7 @@ pub struct Rejection {
     pub reason: String,
 }
 
-/// What a peer needs to know to begin.
+/// The data that a peer needs to begin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Welcome {
     /// This life of the manager.

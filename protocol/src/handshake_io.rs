@@ -34,7 +34,7 @@ pub enum ConnectionError {
     /// The manager says no.
     #[error("refused: {0}")]
     Refused(String),
-    /// What answers does not know the token.
+    /// The peer that answers does not know the token.
     #[error(
         "what answers there does not know this wall's token: another program or user holds the \
          port, or the manager has another token file; it has learnt nothing of the token"
@@ -46,9 +46,9 @@ pub enum ConnectionError {
     /// The other end has another role than it must have.
     #[error("a {found} answered where a {wanted} was expected; is the address right?")]
     WrongRole {
-        /// What was expected.
+        /// The expected role.
         wanted: &'static str,
-        /// What answered.
+        /// The role of the peer that answered.
         found: &'static str,
     },
 }
@@ -113,9 +113,9 @@ where
 pub struct Introduced<S> {
     /// Its connection.
     pub frames: MessageStream<S>,
-    /// What it says of itself.
+    /// The peer's hello.
     pub hello: Hello,
-    /// Whether it knows the token.
+    /// `true` if the peer proved that it knows the token.
     pub is_proven: bool,
     /// The proof of this end, for [`accept`].
     pub proof: Proof,

@@ -1,9 +1,9 @@
-//! What travels between a client, the manager and the render servers: ids, the wall description,
-//! the scene as plain data, the four message types, the handshake and the framing.
+//! The wire protocol of clients, the manager and the render servers: ids, the wall description, the
+//! scene as plain data, the four message types, the handshake and the framing.
 //!
 //! The crate does no I/O but the codec and the byte streams under it, knows no GPU and makes no
-//! decision. What both ends must
-//! compute alike (frusta, the fold of the log, the digest) stands here as pure functions.
+//! decision. Functions whose results both ends must agree on (frusta, the fold of the log, the
+//! digest) stand here as pure functions.
 //!
 //! ```
 //! use polyptych_codec::encode;

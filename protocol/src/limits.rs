@@ -23,5 +23,5 @@ pub const HANDSHAKE_TIME_MAX: Duration = Duration::from_secs(5);
 /// Largest message of the bulk connection: one chunk and its head.
 pub const BULK_BYTES_MAX: usize = CHUNK_BYTES_MAX + 128;
 
-/// How many pings are sent in one heartbeat limit: one may get lost in a stall.
+/// The number of pings in one heartbeat limit: one may get lost in a stall.
 pub const PINGS_PER_HEARTBEAT: u32 = 4;

@@ -18,7 +18,7 @@ pub const LUMINANCE_COUNTS: usize = 320;
 /// The brightness of a channel's pixels in one frame.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FrameLuminance {
-    /// Which life of the manager.
+    /// The manager's epoch.
     pub epoch: Epoch,
     /// The frame.
     pub frame: FrameId,

@@ -1,4 +1,4 @@
-//! How the mouse over a window moves the wall's camera.
+//! Camera moves made with the mouse over a window.
 
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
@@ -9,13 +9,13 @@ use serde::{Deserialize, Serialize};
 pub struct Navigation {
     /// The name of the channel in whose window the mouse is.
     pub channel: String,
-    /// How far the scene turns to the right, about its vertical, and its near side downwards; in
-    /// radians.
+    /// The angles by which the scene turns: to the right about its vertical axis, and its near side
+    /// downwards; in radians.
     pub orbit_rad: DVec2,
-    /// How far the scene goes to the right and downwards, in widths and heights of the channel's
-    /// picture.
+    /// The distances by which the scene moves to the right and downwards, in widths and heights of
+    /// the channel's picture.
     pub pan: DVec2,
-    /// How many times larger the scene appears; above 0.
+    /// The factor by which the scene appears larger; above 0.
     pub zoom: f64,
 }
 

@@ -17,10 +17,10 @@ pub const NODES_MAX: u32 = 1000;
 /// Most bytes of the names and attributes of one answer; where they are long, it has fewer nodes.
 pub const NODE_TEXT_BYTES_MAX: usize = 1 << 20;
 
-/// Which nodes are asked for. All that is given must hold.
+/// Conditions of the nodes to find. All that are given must hold.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NodeQuery {
-    /// Of exactly this name.
+    /// The exact name of the nodes.
     pub name: Option<String>,
     /// This one, and what hangs from it at any depth.
     pub below: Option<NodeId>,
@@ -30,9 +30,9 @@ pub struct NodeQuery {
     pub layer: Option<String>,
     /// Only nodes of this kind.
     pub kind: Option<NodeKind>,
-    /// How many of those found are left out, from the first: the next page begins there.
+    /// The number of found nodes to skip, from the first: the next page begins there.
     pub skip: u64,
-    /// How many are given at most; more than [`NODES_MAX`] are never.
+    /// The maximum number of nodes to return; never more than [`NODES_MAX`].
     pub count: u32,
 }
 
@@ -60,22 +60,22 @@ pub struct NodeInfo {
     pub id: NodeId,
     /// The node that it hangs from; `None` for the scene itself.
     pub parent: Option<NodeId>,
-    /// What it is called; may be empty.
+    /// The node's name; may be empty.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
-    /// How many nodes stand above it.
+    /// The number of nodes above it.
     pub depth: u32,
     /// Parent space from this node's space.
     pub local: DAffine3,
     /// World space from this node's space.
     pub world: DAffine3,
-    /// Whether it is shown, where its parents are.
+    /// `true` if it is shown when its parents are.
     pub visible: bool,
     /// An index into the meshes of the scene.
     pub mesh: Option<u32>,
     /// It shines along −Z of the node.
     pub light: Option<Light>,
-    /// What was noted about it.
+    /// The node's attributes.
     pub attributes: BTreeMap<String, Attribute>,
     /// Around its mesh in all its places, in world space.
     pub bounds: Option<Bounds>,
@@ -128,7 +128,7 @@ impl RayQuery {
 pub struct RayHit {
     /// The state that was looked at.
     pub revision: Revision,
-    /// Whose mesh it is.
+    /// The node that has the mesh.
     pub node: NodeId,
     /// The node's name.
     #[serde(deserialize_with = "text_of_peer")]
@@ -139,7 +139,7 @@ pub struct RayHit {
     pub normal: DVec3,
     /// From the ray's origin, in world units.
     pub distance: f64,
-    /// Whether the ray comes from the front.
+    /// `true` if the ray comes from the front.
     pub is_front: bool,
     /// An index into the materials of the scene; `None` is glTF's default material.
     pub material: Option<u32>,
@@ -187,7 +187,7 @@ pub struct NearestPoint {
 pub struct NodePage {
     /// The state that was looked at.
     pub revision: Revision,
-    /// How many there are in all.
+    /// The number of all nodes found.
     pub found: u64,
     /// Those from [`NodeQuery::skip`] on, as many as fit.
     pub nodes: Vec<NodeInfo>,

@@ -1,10 +1,10 @@
-//! What displays show, beside the wall's picture itself.
+//! The content of displays, beside the wall's picture itself.
 
 use serde::{Deserialize, Serialize};
 
-/// What every display of the wall shows. A frame carries it, so that all displays change with
-/// the same frame and a server that joins has it with its first one. Channels draw and answer in
-/// every mode, and captures are of what is drawn: a mode is a matter of displays only.
+/// The content that every display of the wall shows. A frame carries it, so that all displays
+/// change with the same frame and a server that joins gets it with its first one. Channels draw and
+/// answer in every mode, and captures contain the drawn picture: a mode affects only displays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum OutputMode {
@@ -16,12 +16,12 @@ pub enum OutputMode {
     Identify,
     /// Black.
     Blank,
-    /// What it showed when the mode began.
+    /// The picture that the display showed when the mode began.
     Freeze,
 }
 
 impl OutputMode {
-    /// As commands and JSON call it.
+    /// Returns the mode's name in commands and JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Normal => "normal",

@@ -2,8 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What every channel shows instead of the scene. A frame carries it, so that all channels change
-/// with the same frame, captures show it, and a server that joins has it with its first one.
+/// A test pattern that every channel shows instead of the scene. A frame carries it, so that all
+/// channels change with the same frame, captures show it, and a server that joins gets it with its
+/// first one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TestPattern {
@@ -16,9 +17,9 @@ pub enum TestPattern {
     Ramp,
     /// The share of the light that the channel gives: white where it is alone.
     Weights,
-    /// How many channels light a place.
+    /// The number of channels that light a place.
     Overlap,
-    /// How many pixels of the display the viewer has for a degree.
+    /// The number of the display's pixels per degree of the viewer's sight.
     Density,
     /// Lines and squares of one and two pixels: they are even grey to an eye that is too far away,
     /// and to a lens that is not in focus.
@@ -46,7 +47,7 @@ impl TestPattern {
         Self::Border,
     ];
 
-    /// As commands and JSON call it.
+    /// Returns the pattern's name in commands and JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Grid => "grid",
@@ -62,23 +63,23 @@ impl TestPattern {
         }
     }
 
-    /// The pattern of this name.
+    /// Returns the pattern of this name; `None` if there is none.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|pattern| pattern.name() == name)
     }
 
-    /// Whether it shows the light itself, or the edge of the display: neither blend nor colour is
-    /// applied to it, which it would else hide.
+    /// Returns whether the pattern shows the light itself or the edge of the display. Neither blend
+    /// nor colour correction is applied to such a pattern, because they would hide it.
     pub fn bypasses_color(self) -> bool {
         matches!(self, Self::Weights | Self::Overlap | Self::Density | Self::Border)
     }
 
-    /// Whether it depends on where the viewer's eye stands.
+    /// Returns whether the pattern depends on the position of the viewer's eye.
     pub fn depends_on_eye(self) -> bool {
         matches!(self, Self::Density | Self::Crosshair)
     }
 
-    /// Whether other channels of the wall matter to it only by their number of pixels.
+    /// Returns whether the pattern depends on other channels only by their number of pixels.
     pub fn ignores_neighbours(self) -> bool {
         // The light that is left to a channel depends on all that are beside it.
         matches!(self, Self::Density | Self::Border)

@@ -1,4 +1,4 @@
-//! What the wall presents of its state: frames, the manager's memory and every status share it.
+//! The presentation of the wall's state. Frames, the manager's memory and every status share it.
 
 use polyptych_scene::{Fog, ToneMapper};
 use polyptych_wall::camera::Camera;
@@ -10,21 +10,21 @@ use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
 use crate::quality_bounds::QualityBounds;
 
-/// What is looked at, from where, and how it is shown. A picture depends on this, on the revision
-/// and on scene time; on nothing else.
+/// The camera, the head, and how the scene is shown. A picture depends on this, on the revision and
+/// on scene time; on nothing else.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Presentation {
-    /// Where display space stands in the scene, for the wall's own picture.
+    /// The pose of display space in the scene, for the wall's own picture.
     pub camera: Camera,
-    /// Where the viewer's eyes are.
+    /// The pose of the viewer's head.
     pub head: HeadPose,
-    /// What lies over the wall's own picture, later ones over earlier ones.
+    /// Views over the wall's own picture, later ones over earlier ones.
     pub views: Vec<View>,
     /// Light is multiplied by this before tone mapping.
     pub exposure: f32,
-    /// What displays show once a frame is swapped.
+    /// The content of displays once a frame is swapped.
     pub output_mode: OutputMode,
-    /// What channels draw instead of the scene.
+    /// The test pattern that channels draw instead of the scene, if any.
     pub pattern: Option<TestPattern>,
     /// The error and the rate that pictures are asked to keep.
     pub bounds: QualityBounds,

@@ -1,4 +1,4 @@
-//! What this process takes of its machine.
+//! Memory that this process uses.
 
 /// Resident memory in bytes, where the system tells (Linux: `VmRSS`, in KiB).
 pub fn resident_bytes() -> Option<u64> {

@@ -24,7 +24,7 @@ pub enum OpenStage {
 pub struct OpenProgress {
     /// The present step.
     pub stage: OpenStage,
-    /// How much of that step is done: 0 to 100. It never falls within a step.
+    /// The completed part of that step in percent: 0 to 100. It never falls within a step.
     pub percent: u8,
 }
 
@@ -56,7 +56,7 @@ pub struct Opening {
     /// The scene's name: the file's stem, at most [`polyptych_wall::limits::NAME_BYTES_MAX`] bytes.
     #[serde(deserialize_with = "text_of_peer")]
     pub scene: String,
-    /// How far it has come.
+    /// The progress so far.
     pub progress: OpenProgress,
 }
 

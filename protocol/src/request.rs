@@ -1,4 +1,4 @@
-//! What a client asks of the manager, and what it gets for it.
+//! Requests of clients to the manager, and the answers.
 //!
 //! Every request has exactly one answer, which carries its number.
 
@@ -40,9 +40,9 @@ use crate::walk_query::{WalkQuery, WalkedWay};
 pub struct RequestMessage {
     /// The client's own number, unique among its open requests.
     pub id: RequestId,
-    /// What it asks.
+    /// The request.
     pub request: Request,
-    /// When it is begun.
+    /// The condition for beginning the request.
     pub delivery: Delivery,
 }
 
@@ -53,7 +53,7 @@ impl RequestMessage {
     }
 }
 
-/// What a client can ask.
+/// A request of a client.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request {
     /// Shows a scene; answered once every live channel can draw it.
@@ -120,7 +120,7 @@ pub enum Request {
     Tune {
         /// The channel's name.
         channel: String,
-        /// What to change, in order.
+        /// The changes, in order.
         changes: Vec<CalibrationChange>,
     },
     /// Changes the open scene, all of it or nothing; answered once a frame with it was swapped. A
@@ -273,12 +273,12 @@ impl Request {
     }
 }
 
-/// How fast the wall draws by itself.
+/// The rate at which the wall draws by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Pacing {
-    /// As fast as its slowest live channel.
+    /// The rate of the slowest live channel.
     Free,
-    /// At this many frames per second, if it can.
+    /// This number of frames per second, if the wall can.
     Rate(f64),
 }
 
@@ -289,34 +289,34 @@ pub enum MessageToClient {
     Reply {
         /// The client's number of the request.
         id: RequestId,
-        /// What came of it.
+        /// The outcome of the request.
         reply: Result<Response, RequestError>,
     },
-    /// What a frame became, for those who subscribed.
+    /// The outcome of a frame, for clients that subscribed.
     Feedback(FrameFeedback),
     /// A piece of what is too large for a reply; all pieces come before the reply.
     Chunk(ReplyChunk),
     /// The manager ends the connection.
     Goodbye(Goodbye),
-    /// How far a request to open a scene has come: with every percent at most, and at least every
+    /// The progress of a request to open a scene: sent at most once per percent, and at least every
     /// few seconds while it is baked. May be left out for a client that reads slowly.
     Progress {
         /// The client's number of the request.
         id: RequestId,
-        /// How far it has come.
+        /// The progress so far.
         progress: OpenProgress,
     },
-    /// What the client should know of a request that succeeded, such as that it is not kept over a
-    /// restart; comes before the reply.
+    /// A warning about a request that succeeded, such as that it is not kept over a restart; comes
+    /// before the reply.
     Warning {
         /// The client's number of the request.
         id: RequestId,
-        /// What is wrong.
+        /// The warning's text.
         warning: String,
     },
 }
 
-/// What came of a request that succeeded.
+/// The outcome of a request that succeeded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Response {
     /// It was done.
@@ -394,7 +394,7 @@ impl Response {
     }
 }
 
-/// What became of a wall's servers that were told to end, by name.
+/// The outcome for a wall's servers that were told to end, by name.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StoppedServers {
     /// Servers that said goodbye.
@@ -412,7 +412,7 @@ pub struct StoppedServers {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[error("{reason}")]
 pub struct RequestError {
-    /// What failed and where, and what would be right.
+    /// The failure, its place, and the fix.
     #[serde(deserialize_with = "text_of_peer")]
     pub reason: String,
 }
@@ -427,7 +427,7 @@ impl RequestError {
 /// A scene as a client needs to know it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneSummary {
-    /// What to call it.
+    /// The scene's name.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
     /// The revision that shows it.
@@ -436,9 +436,10 @@ pub struct SceneSummary {
     pub bounds: Option<Bounds>,
     /// Each instance counted.
     pub triangles: u64,
-    /// What it needs of the renderer.
+    /// The renderer features that it needs.
     pub features: SceneFeatures,
-    /// What of the file is not drawn, or not as it is there; see [`polyptych_scene::Scene::notes`].
+    /// Parts of the file that are not drawn, or not as they are there; see
+    /// [`polyptych_scene::Scene::notes`].
     #[serde(default, deserialize_with = "text_of_peer")]
     pub notes: Vec<String>,
     /// The exposure that the wall has from now on: 1, or what suits a scene that is lit in real
@@ -461,13 +462,13 @@ pub struct CaptureInfo {
     pub missing: Vec<(String, String)>,
 }
 
-/// What a picture shows.
+/// The content of a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ImageInfo {
-    /// Of the screen or channel.
+    /// The name of the screen or channel.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
-    /// Whether it is a whole screen, stitched.
+    /// `true` if it is a whole screen, stitched.
     pub is_screen: bool,
     /// Pixels across.
     pub width: u32,

@@ -20,7 +20,7 @@ pub struct SavedScene {
     pub scene: String,
     /// Nodes that are not as its file has them.
     pub edited_nodes: u64,
-    /// When it was saved, in seconds since 1970, UTC.
+    /// The time of saving, in seconds since 1970, UTC.
     pub saved_at_s: u64,
 }
 

@@ -1,4 +1,4 @@
-//! What a render server reports on its control connection.
+//! Reports of a render server on its control connection.
 
 use polyptych_text::text_of_peer;
 use polyptych_wall::ChannelId;
@@ -15,11 +15,11 @@ pub enum ServerMessage {
     Prepared(Prepared),
     /// It cannot draw this revision.
     PrepareFailed {
-        /// Which life of the manager.
+        /// The manager's epoch.
         epoch: Epoch,
         /// The revision.
         revision: Revision,
-        /// Why.
+        /// The reason.
         #[serde(deserialize_with = "text_of_peer")]
         reason: String,
     },
@@ -27,11 +27,11 @@ pub enum ServerMessage {
     Drawn(FrameRendered),
     /// A channel could not draw a frame.
     DrawFailed {
-        /// Which channel.
+        /// The channel.
         channel: ChannelId,
-        /// Which frame.
+        /// The frame.
         frame: FrameId,
-        /// Why.
+        /// The reason.
         #[serde(deserialize_with = "text_of_peer")]
         reason: String,
     },
@@ -58,7 +58,7 @@ pub enum ServerMessage {
     /// The server's GPU was lost with all that it had prepared. Until it is sent the shown state
     /// anew it draws nothing.
     StateLost {
-        /// What happened to the GPU.
+        /// The failure of the GPU.
         reason: String,
     },
     /// An object store of the wall file fails, or works again. The server goes on without it.
@@ -75,13 +75,13 @@ pub enum ServerMessage {
 /// A revision is ready.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Prepared {
-    /// Which life of the manager.
+    /// The manager's epoch.
     pub epoch: Epoch,
     /// The revision.
     pub revision: Revision,
-    /// Of the state at that revision; equal on all servers.
+    /// The digest of the state at that revision; equal on all servers.
     pub digest: Digest,
-    /// What the scene needs of the renderer.
+    /// The renderer features that the scene needs.
     #[serde(deserialize_with = "text_of_peer")]
     pub features: Vec<String>,
     /// Bytes of the scene's meshes and textures on the GPU.
@@ -91,7 +91,7 @@ pub struct Prepared {
 /// A channel has drawn a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameRendered {
-    /// Which life of the manager.
+    /// The manager's epoch.
     pub epoch: Epoch,
     /// The frame.
     pub frame: FrameId,
@@ -99,7 +99,7 @@ pub struct FrameRendered {
     pub channel: ChannelId,
     /// The state that was drawn.
     pub revision: Revision,
-    /// Of that state.
+    /// The digest of that state.
     pub digest: Digest,
     /// From the frame command's turn on the render thread to the GPU's completion.
     pub draw_us: u32,
@@ -118,7 +118,7 @@ pub struct FrameRendered {
 /// A channel has shown a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FramePresented {
-    /// Which life of the manager.
+    /// The manager's epoch.
     pub epoch: Epoch,
     /// The frame.
     pub frame: FrameId,
@@ -126,7 +126,7 @@ pub struct FramePresented {
     pub channel: ChannelId,
     /// The instant of the present call, in microseconds of manager time as the server knows it.
     pub at_us: u64,
-    /// How far off that may be: half of the best round trip that the estimate rests on.
+    /// The maximum error of that time: half of the best round trip that the estimate rests on.
     pub clock_error_us: u32,
     /// The swap stated an instant that had passed, or that the server could not tell since it does
     /// not know the manager's clock yet: it presented at once.

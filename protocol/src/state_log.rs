@@ -72,7 +72,7 @@ pub fn check_wall_size(wall: &Wall) -> Result<(), String> {
 /// A baked scene, by the hash of its manifest, which names all the rest.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SceneRef {
-    /// What to call it.
+    /// The scene's name.
     pub name: String,
     /// A [`polyptych_scene::Scene`], encoded.
     pub manifest: BlobHash,
@@ -87,7 +87,7 @@ pub struct Replica {
     pub wall: Option<Box<Wall>>,
     /// The open scene.
     pub scene: Option<SceneRef>,
-    /// What was changed of it since it was opened.
+    /// The edits of the scene since it was opened.
     pub edits: SceneEdits,
     /// The surroundings of scenes, if not their own sky.
     #[serde(default)]
@@ -99,9 +99,9 @@ pub struct Replica {
 /// Fingerprints of the parts of a [`Replica`], kept so that a change costs what it changes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Parts {
-    /// Of the wall without its channels' adjustments.
+    /// The fingerprint of the wall without its channels' adjustments.
     wall: u64,
-    /// Of the adjustment of each channel.
+    /// The fingerprint of each channel's adjustment.
     adjustments: Vec<u64>,
 }
 

@@ -23,9 +23,9 @@ const TLS_FIRST_BYTE: u8 = 0x16;
 /// The fatal alert `unexpected_message`: how somebody who speaks TLS is told that we don't.
 const TLS_ALERT: [u8; 7] = [0x15, 3, 3, 0, 2, 2, 10];
 
-/// How long a connection may be idle before the system asks whether the other end is there, how
-/// often it asks, and how many times in vain: after half a minute a machine that lost its power
-/// is gone, for clients and blobs too, which have no heartbeat.
+/// The idle time before the system probes whether the other end is there, the period of the probes,
+/// and the number of unanswered ones that end a connection. A machine that lost its power is gone
+/// after half a minute, for clients and blobs too, which have no heartbeat.
 const KEEPALIVE_IDLE: Duration = Duration::from_secs(15);
 const KEEPALIVE_PERIOD: Duration = Duration::from_secs(5);
 const KEEPALIVE_TRIES: u32 = 3;
@@ -44,7 +44,7 @@ pub enum Stream {
     Plain(TcpStream),
     /// Over a layer on TCP that encrypts.
     Encrypted {
-        /// What the layer takes and gives.
+        /// The byte stream of the TLS layer.
         bytes: Box<dyn DuplexBytes>,
         /// This end's address.
         local: SocketAddr,

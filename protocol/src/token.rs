@@ -48,7 +48,8 @@ pub enum TokenError {
     Nowhere,
 }
 
-/// Where the token lies: `POLYPTYCH_TOKEN_FILE`, or `polyptych/token` in the user's state folder.
+/// Returns the token's path: `POLYPTYCH_TOKEN_FILE`, or `polyptych/token` in the user's state
+/// folder.
 ///
 /// # Errors
 /// [`TokenError::Nowhere`] where the environment names no folder.

@@ -28,8 +28,9 @@ pub struct Transaction {
     pub base: Option<Revision>,
     /// In order. What they create has provisional numbers.
     pub edits: Vec<Edit>,
-    /// Whether the nodes that it makes are taken away when the connection of the client that made
-    /// them ends, or with the manager: pointers, highlights, what somebody else draws anew.
+    /// `true` if the nodes that it makes are removed when the connection of the client that made
+    /// them ends, or with the manager: pointers, highlights, or content that another client draws
+    /// again.
     pub is_temporary: bool,
     /// Meshes, materials and textures that come with it. Its edits name them by
     /// [`polyptych_scene::provisional_asset`]. They stay for as long as anything of the scene uses
@@ -67,9 +68,9 @@ pub struct BakedAssets {
     pub manifest: BlobHash,
     /// The number of primitives of each mesh.
     pub primitives: Vec<u32>,
-    /// How many there are.
+    /// The number of materials.
     pub materials: u32,
-    /// How many there are.
+    /// The number of textures.
     pub textures: u32,
     /// Parts of their file that are not drawn, or not as there; see
     /// [`polyptych_scene::Scene::notes`].
@@ -109,13 +110,13 @@ impl Transaction {
         Self { is_temporary: true, ..Self::default() }
     }
 
-    /// The same with these assets.
+    /// Returns the transaction with these assets.
     #[must_use]
     pub fn with_assets(self, source: AssetSource) -> Self {
         Self { assets: Some(NewAssets { source, below: None }), ..self }
     }
 
-    /// The same with all of a file, below a node that is made for it.
+    /// Returns the transaction with all of a file, below a node that is made for it.
     #[must_use]
     pub fn with_scene(self, source: AssetSource, below: NewNode) -> Self {
         Self { assets: Some(NewAssets { source, below: Some(below.into()) }), ..self }

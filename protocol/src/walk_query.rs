@@ -73,7 +73,7 @@ pub enum WalkEnd {
 /// A place of the scene that ends a way.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Touched {
-    /// Whose mesh it is.
+    /// The node that has the mesh.
     pub node: NodeId,
     /// The name of that node; may be empty.
     #[serde(deserialize_with = "text_of_peer")]
