@@ -26,11 +26,11 @@ pub struct AnimatedProperty {
 /// A property that a clip can change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum PropertyKind {
-    /// Of nodes, with all that hangs from them: shown from 0.5 on, else hidden.
+    /// The visibility of nodes, with all that hangs from them: shown from 0.5 on, else hidden.
     Visible,
     /// A factor of lights.
     Light(LightProperty),
-    /// Of materials.
+    /// A property of materials.
     Material(MaterialProperty),
 }
 
@@ -66,7 +66,7 @@ pub enum MaterialProperty {
     NormalScale,
     /// 0 to 1.
     OcclusionStrength,
-    /// Of a material with a cutoff.
+    /// The cutoff of a masked material.
     AlphaCutoff,
     /// Offset of the coordinates of a slot's texture; rotation and scale come with it.
     UvOffset(u8),
@@ -82,13 +82,13 @@ pub enum MaterialProperty {
     SpecularColor,
     /// Part of the layer.
     ClearcoatFactor,
-    /// Of the layer.
+    /// Roughness of the layer.
     ClearcoatRoughness,
-    /// Of the layer's normal map.
+    /// Multiplies x and y of the layer's normal map.
     ClearcoatNormalScale,
     /// Linear RGB.
     SheenColor,
-    /// Of the fibres.
+    /// Roughness of the fibres.
     SheenRoughness,
     /// Part of the light that passes.
     TransmissionFactor,

@@ -19,7 +19,7 @@ pub struct Animations {
     pub clips: Vec<Clip>,
     /// The nodes that clips move, as they stand without; rising by node.
     pub nodes: Vec<AnimatedNode>,
-    /// What else clips change, as it is without.
+    /// Other properties that clips change, with their values without clips.
     pub properties: Vec<AnimatedProperty>,
 }
 

@@ -17,10 +17,10 @@ use polyptych_files::blob::BlobHash;
 )]
 pub struct NodeId(pub u64);
 
-/// The first number of nodes that have none yet.
+/// The first provisional number of nodes, for nodes without a number.
 const PROVISIONAL: u64 = 1 << 63;
 
-/// The same of meshes and textures.
+/// The first provisional number of meshes and textures.
 const PROVISIONAL_ASSET: u32 = 1 << 31;
 
 impl NodeId {
@@ -91,7 +91,7 @@ pub fn provisional_asset_index(number: u32) -> Option<u32> {
     (number >= PROVISIONAL_ASSET).then_some(number & !PROVISIONAL_ASSET)
 }
 
-/// What an application knows of a node beside its picture.
+/// An application's data about a node, beside its picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Attribute {
     /// Yes or no.
@@ -132,56 +132,56 @@ pub enum Edit {
     Create {
         /// Its number; in a transaction on its way to the manager the provisional one.
         node: NodeId,
-        /// What it is.
+        /// The node's data.
         new: Box<NewNode>,
     },
     /// Takes a node away with all that hangs from it.
     Remove(NodeId),
     /// Hangs a node, with all that hangs from it, from another; its transform stays as it is.
     SetParent {
-        /// Which.
+        /// The node.
         node: NodeId,
         /// `None` for the scene itself.
         parent: Option<NodeId>,
     },
     /// Places a node in its parent's space.
     SetTransform {
-        /// Which.
+        /// The node.
         node: NodeId,
         /// Parent space from this node's space; finite and not singular.
         local: DAffine3,
     },
     /// Shows a node with all that hangs from it, or does not.
     SetVisible {
-        /// Which.
+        /// The node.
         node: NodeId,
-        /// Whether it is shown, where its parents are.
+        /// `true` if it is shown when its parents are.
         visible: bool,
     },
     /// Names a node.
     SetName {
-        /// Which.
+        /// The node.
         node: NodeId,
-        /// As [`NewNode::name`].
+        /// The new name; see [`NewNode::name`].
         name: String,
     },
     /// Gives a node another mesh, or none.
     SetMesh {
-        /// Which.
+        /// The node.
         node: NodeId,
-        /// As [`NewNode::mesh`].
+        /// The new mesh; see [`NewNode::mesh`].
         mesh: Option<u32>,
     },
     /// Gives a node another light, or none.
     SetLight {
-        /// Which.
+        /// The node.
         node: NodeId,
-        /// As [`NewNode::light`].
+        /// The new light; see [`NewNode::light`].
         light: Option<Light>,
     },
     /// Notes something about a node, or forgets it.
     SetAttribute {
-        /// Which.
+        /// The node.
         node: NodeId,
         /// At most [`crate::limits::NODE_NAME_BYTES_MAX`] bytes, and not empty.
         key: String,
@@ -281,10 +281,10 @@ impl Edit {
         )
     }
 
-    /// The same with other numbers of nodes.
+    /// Returns the edit with other numbers of nodes.
     ///
     /// # Errors
-    /// That of `number`.
+    /// The error of `number`.
     pub fn with_nodes<E>(
         mut self,
         mut number: impl FnMut(NodeId) -> Result<NodeId, E>,
@@ -321,10 +321,10 @@ impl Edit {
         Ok(self)
     }
 
-    /// The same with other numbers of meshes and textures.
+    /// Returns the edit with other numbers of meshes and textures.
     ///
     /// # Errors
-    /// Those of `mesh` and `texture`.
+    /// The errors of `mesh` and `texture`.
     pub fn with_assets<E>(
         mut self,
         mesh: impl Fn(u32) -> Result<u32, E>,

@@ -1,4 +1,4 @@
-//! What a scene needs of the renderer: passes and pipelines exist only for these.
+//! The renderer features that a scene needs: passes and pipelines exist only for these.
 
 use serde::{Deserialize, Serialize};
 
@@ -63,7 +63,7 @@ pub struct SceneFeatures {
 }
 
 impl SceneFeatures {
-    /// What this scene needs.
+    /// Returns the features that this scene needs.
     pub fn from_scene(scene: &Scene) -> Self {
         let any = |test: fn(&super::Material) -> bool| scene.materials.iter().any(test);
         let extends = |test: fn(&super::MaterialExtensions) -> bool| {

@@ -83,7 +83,7 @@ pub const EXPOSURE_NOTE: &str = "lit in real units";
 /// A whole scene: nodes, and the lists that they point into.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scene {
-    /// What to call it: the source file's stem.
+    /// The scene's name: the source file's stem.
     pub name: String,
     /// Parents stand before their children, so one pass from the front gives world transforms.
     pub nodes: Vec<Node>,
@@ -99,8 +99,8 @@ pub struct Scene {
     pub sky: Vec3,
     /// The box around everything drawn, in world space; `None` where nothing is drawn.
     pub bounds: Option<Bounds>,
-    /// What of the source is not drawn, or not as it is there: lines for people, without control
-    /// characters. At most [`NOTES_MAX`] of at most [`NOTE_BYTES_MAX`] bytes each.
+    /// Parts of the source that are not drawn, or not as they are there: lines for people, without
+    /// control characters. At most [`NOTES_MAX`] of at most [`NOTE_BYTES_MAX`] bytes each.
     pub notes: Vec<String>,
     /// The exposure that suits its lights, above 0, if they are in real units; `None` for 1.
     pub exposure: Option<f32>,
@@ -117,7 +117,7 @@ pub struct Scene {
 /// One place in the scene.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Node {
-    /// As in the source; may be empty or stand twice.
+    /// The source's name; may be empty or stand twice.
     pub name: String,
     /// An index into [`Scene::nodes`], below this node's own.
     pub parent: Option<u32>,
@@ -127,8 +127,7 @@ pub struct Node {
     pub mesh: Option<u32>,
     /// An index into [`Scene::lights`].
     pub light: Option<u32>,
-    /// Where not empty, the mesh is drawn once for each of these, in this node's space, instead
-    /// of once.
+    /// The mesh's copies, in this node's space; if empty, the mesh is drawn once at the node.
     pub instances: Vec<Instance>,
 }
 
@@ -146,7 +145,7 @@ pub struct Instance {
 /// A light of `KHR_lights_punctual`; it shines along −Z of its node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Light {
-    /// Where it shines.
+    /// The kind of light.
     pub kind: LightKind,
     /// Linear RGB.
     pub color: Vec3,
@@ -249,8 +248,8 @@ impl Scene {
         of_primitives.chain(self.textures.iter().map(|t| t.blob))
     }
 
-    /// What is wrong with this manifest, if anything: an index that points nowhere, a parent
-    /// behind its child, a size that contradicts itself.
+    /// Returns the fault of this manifest, if any: an index that points nowhere, a parent behind
+    /// its child, a size that contradicts itself.
     pub fn fault(&self) -> Option<String> {
         let beyond = |index: Option<u32>, len: usize| index.is_some_and(|i| i as usize >= len);
         let is_note =

@@ -8,7 +8,7 @@ use super::MaterialExtensions;
 /// A surface. Factors multiply the textures; all are linear.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Material {
-    /// As in the source; may be empty.
+    /// The source's name; may be empty.
     pub name: String,
     /// Linear RGBA.
     pub base_color: Vec4,
@@ -22,11 +22,11 @@ pub struct Material {
     pub normal_scale: f32,
     /// 0 no occlusion, 1 as the texture says.
     pub occlusion_strength: f32,
-    /// How alpha is used.
+    /// The use of alpha.
     pub alpha_mode: AlphaMode,
-    /// Whether back faces are drawn, with the normal turned.
+    /// `true` if back faces are drawn, with the normal turned.
     pub double_sided: bool,
-    /// Whether the base colour is shown as it is, without light (`KHR_materials_unlit`).
+    /// `true` if the base colour is shown as it is, without light (`KHR_materials_unlit`).
     pub unlit: bool,
     /// sRGB colour and alpha.
     pub base_color_texture: Option<TextureRef>,
@@ -38,11 +38,11 @@ pub struct Material {
     pub occlusion_texture: Option<TextureRef>,
     /// sRGB radiance.
     pub emissive_texture: Option<TextureRef>,
-    /// What extensions add; `None` where there are none.
+    /// The properties that extensions add; `None` if there are none.
     pub extensions: Option<Box<MaterialExtensions>>,
 }
 
-/// How alpha is used.
+/// The use of alpha.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum AlphaMode {
     /// Not at all.
@@ -58,7 +58,7 @@ pub enum AlphaMode {
 pub struct TextureRef {
     /// An index into the scene's textures.
     pub texture: u32,
-    /// Which set of coordinates: 0 or 1.
+    /// The set of texture coordinates: 0 or 1.
     pub uv_set: u8,
     /// Applied to the coordinates (`KHR_texture_transform`); the identity where there is none.
     pub uv_transform: Affine2,

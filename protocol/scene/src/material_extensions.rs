@@ -1,4 +1,4 @@
-//! What glTF's extensions add to the metallic-roughness model.
+//! The properties that glTF's extensions add to the metallic-roughness model.
 
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};

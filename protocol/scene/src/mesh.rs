@@ -11,7 +11,7 @@ use super::meshlet::Meshlet;
 /// Parts that are drawn together under one node.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Mesh {
-    /// As in the source; may be empty.
+    /// The source's name; may be empty.
     pub name: String,
     /// Each has one material.
     pub primitives: Vec<Primitive>,
@@ -27,7 +27,7 @@ pub struct Mesh {
 pub struct Primitive {
     /// The bytes.
     pub blob: BlobHash,
-    /// What each vertex holds.
+    /// The attributes of each vertex.
     pub layout: VertexLayout,
     /// Number of vertices, of all levels.
     pub vertex_count: u32,
@@ -37,14 +37,14 @@ pub struct Primitive {
     pub coarser_index_count: u32,
     /// Number of meshlets, of all levels; 0 for what is always drawn whole.
     pub meshlet_count: u32,
-    /// How wide an index is.
+    /// The width of an index.
     pub index_format: IndexFormat,
-    /// What three, two or one indices make.
+    /// The shapes that the indices make.
     pub topology: Topology,
     /// An index into the scene's materials; `None` is glTF's default material.
     pub material: Option<u32>,
-    /// Where the vertices' zero stands in the mesh's space. 0 for vertices that stay as their file
-    /// has them, which is exact.
+    /// The position of the vertices' origin in the mesh's space. 0 for vertices that stay as their
+    /// file has them, which is exact.
     pub origin: DVec3,
     /// The least corner of the vertices, relative to `origin`.
     pub min: Vec3,
@@ -59,7 +59,7 @@ pub struct Primitive {
     pub deformed: Option<DeformedPrimitive>,
 }
 
-/// Which attributes a vertex has. Position and normal are always there.
+/// The attributes of a vertex. Position and normal are always there.
 ///
 /// A vertex is interleaved, in this order, all f32: position 3, normal 3, then as present:
 /// tangent 4, uv0 2, uv1 2, color 4 (linear RGBA).
@@ -102,7 +102,7 @@ impl VertexLayout {
     }
 }
 
-/// How wide an index is.
+/// The width of an index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum IndexFormat {
     /// 2 bytes, where there are at most 65,535 vertices.
@@ -136,7 +136,7 @@ impl IndexFormat {
     }
 }
 
-/// What indices make. The baker turns strips, loops and fans into these.
+/// The shapes that indices make. The baker turns strips, loops and fans into these.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Topology {
     /// Each index a point of one pixel.

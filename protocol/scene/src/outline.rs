@@ -1,4 +1,4 @@
-//! What must be known of a scene to tell whether an edit of it can be.
+//! The data of a scene that suffice to check an edit of it.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -51,7 +51,7 @@ pub enum EditError {
     Circle {
         /// The node.
         node: NodeId,
-        /// Where it was to hang.
+        /// The node that it was to hang from.
         parent: NodeId,
     },
     /// A number is not one that can be.
@@ -59,7 +59,7 @@ pub enum EditError {
     Value {
         /// The node.
         node: NodeId,
-        /// What is wrong, and what would be right.
+        /// The fault, and the fix.
         what: String,
     },
     /// A material that is not there, or cannot be.
@@ -67,7 +67,7 @@ pub enum EditError {
     Material {
         /// Its index.
         material: u32,
-        /// What is wrong, and what would be right.
+        /// The fault, and the fix.
         what: String,
     },
     /// A layer that no node is in, or a name that is none.
@@ -75,7 +75,7 @@ pub enum EditError {
     Layer {
         /// Its name.
         layer: String,
-        /// What is wrong, and what would be right.
+        /// The fault, and the fix.
         what: String,
     },
     /// A variant that is not there; the text says which are.
@@ -110,12 +110,13 @@ impl SceneOutline {
         &self.variants
     }
 
-    /// How many nodes the scene's file has.
+    /// Returns the number of nodes in the scene's file.
     pub fn nodes(&self) -> u64 {
         self.parents.len() as u64
     }
 
-    /// Whether this edit can be, after those; what it makes must have a number already.
+    /// Checks that this edit is valid after `edits`; a new node or asset must have its number
+    /// already.
     ///
     /// # Errors
     /// [`EditError`].
@@ -253,7 +254,7 @@ impl SceneOutline {
         Ok(set)
     }
 
-    /// Whether all that was changed is of a size that can be held, sent and drawn.
+    /// Checks that all edits together are of a size that can be held, sent and drawn.
     ///
     /// # Errors
     /// [`EditError::TooLarge`].
@@ -386,18 +387,18 @@ impl SceneOutline {
         })
     }
 
-    /// Whether a node is another, or hangs from it.
+    /// Returns whether `node` is `from` or hangs from it.
     fn hangs_from(&self, edits: &SceneEdits, node: NodeId, from: NodeId) -> bool {
         let up = std::iter::successors(Some(node), |node| self.parent_of(edits, *node));
         up.take(DEPTH_MAX + 1).any(|node| node == from)
     }
 
-    /// That a node is there, with all that it hangs from.
+    /// Checks that a node is there, with all that it hangs from.
     fn expect_node(&self, edits: &SceneEdits, node: NodeId) -> Result<(), EditError> {
         self.expect_within(edits, node, DEPTH_MAX)
     }
 
-    /// The same of a node from which another is to hang.
+    /// Checks that a node is there and that another may hang from it.
     fn expect_parent(&self, edits: &SceneEdits, node: NodeId) -> Result<(), EditError> {
         self.expect_within(edits, node, DEPTH_MAX - 1)
     }

@@ -1,4 +1,4 @@
-//! What was changed of a scene since it was opened: the fold of its edits.
+//! The changes of a scene since it was opened: the fold of its edits.
 //!
 //! It knows nothing of the scene that it changes, so manager and servers fold alike, whatever each
 //! has of the scene. [`SceneEdits::apply_to`] makes the scene as it stands.
@@ -33,7 +33,7 @@ pub struct SceneEdits {
     variant: Option<String>,
     /// A sum over the fingerprints of all entries, so that a change costs what it changes.
     fingerprint: u64,
-    /// The same over their encoded sizes.
+    /// The sum of the encoded sizes of all entries, in bytes; updated with each change.
     bytes: u64,
 }
 
@@ -77,7 +77,7 @@ impl From<Entries> for SceneEdits {
     }
 }
 
-/// Where a node stands among those of the scene as it is made.
+/// The place of a node among those of the scene as it is made.
 #[derive(Clone, Copy, Debug)]
 enum Place {
     Unknown,
@@ -112,7 +112,7 @@ impl SceneEdits {
         self.bytes
     }
 
-    /// What differs of a node, if anything.
+    /// Returns the changes of a node, if any.
     pub fn node(&self, node: NodeId) -> Option<&NodeEdits> {
         self.nodes.get(&node).map(|edits| &edits.value)
     }

@@ -18,7 +18,7 @@ pub struct NodeStyle {
 /// The way in which a node turns towards the viewer, about its own origin: of its directions, +Z is
 /// its front. All displays show it turned alike, towards the middle between the viewer's eyes, or
 /// towards the camera of a view that is a camera's own picture; in parallel rays against these.
-/// What hangs from the node turns with it.
+/// Nodes that hang from it turn with it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Facing {
     /// Its front points at the eye.
@@ -44,7 +44,7 @@ pub enum Fill {
 /// The light on surfaces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shading {
-    /// As their materials say.
+    /// The light that their materials ask for.
     #[default]
     Material,
     /// None: their base colours are shown as they are, as of `KHR_materials_unlit`.

@@ -12,7 +12,7 @@ use crate::limits::TEXTURE_SIDE_MAX;
 pub struct Texture {
     /// The bytes.
     pub blob: BlobHash,
-    /// What the bytes of a pixel mean.
+    /// The meaning of a pixel's bytes.
     pub format: TextureFormat,
     /// Pixels across.
     pub width: u32,
@@ -20,11 +20,11 @@ pub struct Texture {
     pub height: u32,
     /// Levels in the blob; each is half of the one before, rounded down, at least 1 pixel.
     pub mip_count: u32,
-    /// As the source gives it.
+    /// The source's sampler.
     pub sampler: Sampler,
 }
 
-/// What the bytes of a pixel mean.
+/// The meaning of a pixel's bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum TextureFormat {
     /// RGB as sRGB, alpha linear.
@@ -33,7 +33,7 @@ pub enum TextureFormat {
     Rgba8Linear,
 }
 
-/// How a texture is sampled; glTF's samplers.
+/// The sampling of a texture, as in glTF's samplers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Sampler {
     /// Seen larger than it is.
@@ -80,7 +80,8 @@ pub enum Wrap {
 }
 
 impl Default for Sampler {
-    /// What glTF leaves to us where a texture names no sampler: trilinear, repeated.
+    /// The sampler for glTF textures without one, which glTF leaves to the renderer: trilinear,
+    /// repeated.
     fn default() -> Self {
         Self {
             mag: Filter::Linear,
@@ -108,7 +109,7 @@ impl Texture {
         (0..self.mip_count).map(level_bytes).sum()
     }
 
-    /// What is wrong with its sizes, if anything.
+    /// Returns the fault of its sizes, if any.
     pub fn fault(&self) -> Option<String> {
         let (width, height, levels) = (self.width, self.height, self.mip_count);
         let sides = 1..=TEXTURE_SIDE_MAX;

@@ -14,7 +14,7 @@ const LISTED_MAX: usize = 16;
 /// which the chosen variant replaces by another.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Variant {
-    /// As in the source; may be empty or stand twice.
+    /// The source's name; may be empty or stand twice.
     pub name: String,
     /// A material that is replaced, and the one in its place: indices into [`Scene::materials`],
     /// in rising order of the first.

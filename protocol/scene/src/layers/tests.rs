@@ -35,7 +35,7 @@ fn edit() -> impl Strategy<Value = Edit> {
     ]
 }
 
-/// What a node is called by what it hangs from: itself first.
+/// Returns the node and all that it hangs from, itself first.
 fn up(edits: &SceneEdits, base: &Scene, node: NodeId) -> Vec<NodeId> {
     let above = |node: &NodeId| edits.parent_of(base, *node);
     std::iter::successors(Some(node), above).take(64).collect()

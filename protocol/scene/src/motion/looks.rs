@@ -1,5 +1,5 @@
-//! What clips change of a scene as it stands beside places and shapes: which nodes are shown, how
-//! lights shine, and how materials look.
+//! The visibility of nodes, the light of lights and the look of materials, as clips change them in
+//! a scene as it stands.
 
 use std::collections::BTreeMap;
 

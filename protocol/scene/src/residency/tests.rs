@@ -1,4 +1,4 @@
-//! What fits a budget: against its definition for random scenes, and by hand.
+//! Tests of the levels that fit a budget: against the definition for random scenes, and by hand.
 
 use glam::{DAffine3, DVec3, Vec3};
 use polyptych_files::blob::BlobHash;
