@@ -19,9 +19,9 @@ pub enum DecodeError {
     Malformed {
         /// The message's type.
         what: &'static str,
-        /// How many bytes came.
+        /// The number of bytes received.
         bytes: usize,
-        /// What bincode says.
+        /// Bincode's reason.
         reason: String,
     },
     /// The message ended before the bytes did.
@@ -29,7 +29,7 @@ pub enum DecodeError {
     Trailing {
         /// The message's type.
         what: &'static str,
-        /// How many bytes are too many.
+        /// The number of surplus bytes.
         extra: usize,
     },
 }
@@ -75,7 +75,7 @@ pub fn append_framed<T: Serialize>(message: &T, frames: &mut Vec<u8>) {
     frames[start..start + 4].copy_from_slice(&length.to_le_bytes());
 }
 
-/// Where bincode writes to; its own writer for vectors begins without room.
+/// A writer for bincode that grows a vector; bincode's own one begins without capacity.
 struct Growing<'a>(&'a mut Vec<u8>);
 
 impl bincode::enc::write::Writer for Growing<'_> {
@@ -97,13 +97,13 @@ pub fn framed(message: &Bytes) -> Bytes {
     Bytes::from(frame)
 }
 
-/// What a string or list of a short message may claim; see [`decode_within`].
+/// Maximum memory in bytes that a short message's values may claim; see [`decode_within`].
 const CLAIM_SHORT_MAX: usize = 64 << 10;
 
-/// The same for messages of middle length.
+/// Maximum memory in bytes that the values of a message of middle length may claim.
 const CLAIM_MIDDLE_MAX: usize = 1 << 20;
 
-/// The same for long manifests.
+/// Maximum memory in bytes that a long manifest's values may claim.
 const CLAIM_LONG_MAX: usize = 32 << 20;
 
 /// Decodes a value from all of these bytes, which may take `BYTES_MAX` of memory.

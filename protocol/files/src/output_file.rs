@@ -89,7 +89,7 @@ impl Write for OutputFile {
 /// symbolic link to one; and its folder exists.
 ///
 /// # Errors
-/// What is there instead, and the fix. The path is not named.
+/// The error says what is there instead, and the fix. The path is not named.
 pub fn check(path: &Path) -> io::Result<()> {
     resolve(path).map(drop)
 }
@@ -97,7 +97,8 @@ pub fn check(path: &Path) -> io::Result<()> {
 /// Makes a folder for several files, with its parents. One that exists is used.
 ///
 /// # Errors
-/// What is there instead, and the fix, or the system's reason. The path is not named.
+/// The error says what is there instead, and the fix, or gives the system's reason. The path is not
+/// named.
 pub fn make_folder(path: &Path) -> io::Result<()> {
     match fs::metadata(path) {
         Ok(facts) if facts.is_dir() => Ok(()),

@@ -82,7 +82,7 @@ pub fn text_of_peer<'de, D: Deserializer<'de>, T: PeerText + Deserialize<'de>>(
     Ok(text)
 }
 
-/// What [`text_of_peer`] can make printable.
+/// A value that [`text_of_peer`] can make printable.
 pub trait PeerText {
     /// Escapes what must not reach a terminal.
     fn make_printable(&mut self);

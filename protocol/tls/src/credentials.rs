@@ -35,7 +35,8 @@ pub const AUTHORITY_FILE: &str = "authority.pem";
 /// Largest file of keys that is read: ours have about 600 bytes.
 const FILE_BYTES_MAX: u64 = 64 << 10;
 
-/// How long before its end a certificate is warned of: time for somebody to come by.
+/// The time before a certificate's end from which on a warning is given: enough to renew it on
+/// site.
 const WARN_TIME: Duration = Duration::from_hours(60 * 24);
 
 /// Why keys cannot be used.
@@ -65,7 +66,7 @@ pub enum CredentialsError {
     Unfit {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and what would be right.
+        /// The fault, and the fix.
         what: String,
     },
     /// The keys are good, but by this machine's clock their time has not begun.
@@ -75,7 +76,7 @@ pub enum CredentialsError {
     NotYetValid {
         /// The certificate.
         path: PathBuf,
-        /// Whose it is.
+        /// The certificate's node.
         identity: NodeIdentity,
     },
     /// The keys are good, but another node's.
@@ -83,9 +84,9 @@ pub enum CredentialsError {
     AnotherNode {
         /// The certificate.
         path: PathBuf,
-        /// Whose it is.
+        /// The certificate's node.
         found: NodeIdentity,
-        /// Whose it must be.
+        /// The node whose certificate is needed.
         wanted: String,
     },
 }
@@ -172,12 +173,12 @@ impl Credentials {
         Ok(Self { certificate: path(CERTIFICATE_FILE), identity, warnings, side })
     }
 
-    /// Whose they are.
+    /// Returns the node that the credentials belong to.
     pub fn identity(&self) -> &NodeIdentity {
         &self.identity
     }
 
-    /// What somebody should look after soon, one line each.
+    /// Returns warnings for the operator, one line each, such as a certificate that ends soon.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
@@ -235,7 +236,7 @@ struct PeerVerifier {
 }
 
 impl PeerVerifier {
-    /// Whether the other side would believe this certificate then.
+    /// Checks that the other side would accept this certificate at that time.
     fn verify(
         &self,
         identity: &NodeIdentity,
@@ -315,7 +316,7 @@ fn unfit(path: &Path, what: String) -> CredentialsError {
     CredentialsError::Unfit { path: path.to_owned(), what }
 }
 
-/// What is wrong with this end's own certificate.
+/// Describes the fault of this end's own certificate.
 fn own_fault(error: &Error) -> String {
     match error {
         Error::InvalidCertificate(fault) => describe::describe_certificate_error(fault),

@@ -1,10 +1,10 @@
-//! What TLS says, in words for an operator: which side is wrong, and what would be right.
+//! Descriptions of TLS errors for an operator: which side is wrong, and what would be right.
 
 use std::io;
 
 use tokio_rustls::rustls::{AlertDescription, CertificateError, Error, InvalidMessage};
 
-/// What is right when a certificate's time is over.
+/// The fix for a certificate whose time is over.
 const RENEW: &str = "make new ones: polyptych keys WALL.toml -o DIR --renew";
 
 /// The error of a stream, with what it means where TLS found it.
@@ -20,7 +20,7 @@ pub fn describe(error: &io::Error) -> String {
     }
 }
 
-/// What this end found, or was told by the other.
+/// Describes an error that this end found, or an alert of the other end.
 fn fault(error: &Error) -> String {
     match error {
         Error::InvalidCertificate(fault) => {
@@ -45,7 +45,7 @@ pub(crate) fn is_not_yet_valid(fault: &CertificateError) -> bool {
     matches!(fault, CertificateError::NotValidYet | CertificateError::NotValidYetContext { .. })
 }
 
-/// What is wrong with a certificate of either side.
+/// Describes the fault of a certificate of either side.
 pub(crate) fn describe_certificate_error(fault: &CertificateError) -> String {
     use CertificateError as Fault;
     match fault {
@@ -74,7 +74,7 @@ pub(crate) fn describe_certificate_error(fault: &CertificateError) -> String {
     }
 }
 
-/// What the other end means by its last word.
+/// Describes the alert of the other end.
 fn alert_meaning(alert: AlertDescription) -> String {
     use AlertDescription as Alert;
     match alert {

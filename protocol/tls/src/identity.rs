@@ -13,7 +13,7 @@ use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
 /// Last part of all these names; no public top-level domain.
 const DOMAIN: &str = "polyptych";
 
-/// What begins a label whose digits stand for bytes.
+/// The start of a label whose digits stand for bytes.
 const HEX: &str = "hex-";
 
 /// Bytes of a name in one label: a label of DNS has at most 63 characters.
@@ -53,11 +53,11 @@ impl NodeIdentity {
         (identity.dns_name() == text).then_some(identity)
     }
 
-    /// The node that this certificate names. Whether the certificate is to be believed is for its
-    /// verifier to say.
+    /// Returns the node that this certificate names. The verifier decides whether the certificate
+    /// is valid.
     ///
     /// # Errors
-    /// What it names instead of one node.
+    /// The reason why it names no single node of a wall.
     pub fn from_certificate(certificate: &CertificateDer<'_>) -> Result<Self, String> {
         let parsed = webpki::EndEntityCert::try_from(certificate)
             .map_err(|error| format!("it is no certificate of a node: {error}"))?;

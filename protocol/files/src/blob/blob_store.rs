@@ -54,18 +54,18 @@ impl BlobStore {
         Self { root: root.into() }
     }
 
-    /// Where it lies.
+    /// Returns the store's folder.
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// Where the blob of this name lies or would lie.
+    /// Returns the path of the blob of this name, whether or not it is there.
     pub fn path_of(&self, hash: BlobHash) -> PathBuf {
         let name = hash.to_string();
         self.root.join(&name[..2]).join(&name)
     }
 
-    /// Whether a file of this name is there; its bytes are checked by [`BlobStore::read`].
+    /// Returns whether a file of this name is there; its bytes are checked by [`BlobStore::read`].
     pub fn contains(&self, hash: BlobHash) -> bool {
         self.path_of(hash).is_file()
     }

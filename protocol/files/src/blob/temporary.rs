@@ -9,18 +9,18 @@ use std::path::Path;
 
 use tempfile::NamedTempFile;
 
-/// How the names of files under way begin and end; nothing else is ever removed.
+/// The start and the end of the names of unfinished files; no other file is ever removed.
 const PREFIX: &str = ".polyptych-";
 const SUFFIX: &str = ".part";
 
-/// How often another name is tried: who looks for abandoned files may take one away before its
-/// writer has locked it.
+/// Maximum number of names to try: a process that removes abandoned files may take one away before
+/// its writer has locked it.
 const TRIES_MAX: usize = 8;
 
 /// Files that were removed since no process was writing them any more.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Abandoned {
-    /// How many there were.
+    /// The number of files.
     pub files: u64,
     /// Their size in all, in bytes.
     pub bytes: u64,
