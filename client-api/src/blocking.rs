@@ -54,31 +54,31 @@ use crate::image::Capture;
 use crate::pending::Pending as AsyncPending;
 use crate::scene_file::SceneFile;
 
-/// A connection with a wall's manager, as [`crate::Client`]; clones share it.
+/// A connection to a wall's manager; clones share it. Blocking version of [`crate::Client`].
 ///
-/// When a program ends, requests that were posted and not waited for may be lost.
+/// Requests that were submitted and not waited for may be lost if the program ends.
 #[derive(Clone, Debug)]
 pub struct Client {
     inner: AsyncClient,
 }
 
-/// A request that was sent: wait for it, ask it from time to time, or drop it, as
-/// [`crate::Pending`].
+/// A request that was sent: wait for it, query it from time to time, or drop it. Blocking version
+/// of [`crate::Pending`].
 #[derive(Debug)]
 #[must_use = "dropping gives up the answer"]
 pub struct Pending {
     inner: AsyncPending,
 }
 
-/// The feedback of every frame from the subscription on, as [`crate::FeedbackStream`]. The iterator
-/// waits for each, and ends with the client.
+/// The feedback of every frame from the subscription on. The iterator waits for each, and ends with
+/// the client. Blocking version of [`crate::FeedbackStream`].
 #[derive(Debug)]
 pub struct FeedbackStream {
     inner: AsyncFeedbacks,
 }
 
 impl Client {
-    /// As [`crate::Client::connect`], in or outside of a tokio runtime.
+    /// Blocking version of [`crate::Client::connect`], in or outside of a tokio runtime.
     ///
     /// # Errors
     /// [`ClientError`], which says what would be right.
@@ -86,7 +86,7 @@ impl Client {
         Self::connect_with(ConnectOptions::new(address))
     }
 
-    /// As [`crate::Client::connect_with`], in or outside of a tokio runtime.
+    /// Blocking version of [`crate::Client::connect_with`], in or outside of a tokio runtime.
     ///
     /// # Errors
     /// [`ClientError`], which says what would be right.
@@ -422,12 +422,12 @@ impl Client {
 }
 
 impl Pending {
-    /// As [`crate::Pending::id`].
+    /// Returns the request's number; see [`crate::Pending::id`].
     pub fn id(&self) -> RequestId {
         self.inner.id()
     }
 
-    /// As [`crate::Pending::poll`].
+    /// Returns the answer, if it is there; see [`crate::Pending::poll`].
     ///
     /// # Errors
     /// [`ClientError`].
@@ -445,17 +445,17 @@ impl Pending {
 }
 
 impl FeedbackStream {
-    /// As [`crate::FeedbackStream::reconnects`].
+    /// Returns the number of reconnections; see [`crate::FeedbackStream::reconnects`].
     pub fn reconnects(&self) -> u64 {
         self.inner.reconnects()
     }
 
-    /// As [`crate::FeedbackStream::epoch`].
+    /// Returns the epoch of the last feedback; see [`crate::FeedbackStream::epoch`].
     pub fn epoch(&self) -> Epoch {
         self.inner.epoch()
     }
 
-    /// As [`crate::FeedbackStream::dropped`].
+    /// Returns the number of dropped feedbacks; see [`crate::FeedbackStream::dropped`].
     pub fn dropped(&self) -> u64 {
         self.inner.dropped()
     }

@@ -92,15 +92,15 @@ impl Side {
         (self.max - self.min) / 2.0 * self.d / low.max(high)
     }
 
-    /// How far the corners reach beyond both edges, for each metre of a unit.
+    /// Returns how far the corners reach beyond the lower and the upper edge, per metre of a unit.
     fn reach(&self, margin: f64) -> (f64, f64) {
         let (min, max) = (self.min + margin, self.max - margin);
         let most = |of: &dyn Fn(DVec2) -> f64| self.corners.map(of).into_iter().fold(0.0, f64::max);
         (most(&|q| -min * q.y - q.x), most(&|q| q.x + max * q.y))
     }
 
-    /// Where the middle of the box stands, for its corners to be as far from one edge as from the
-    /// other.
+    /// Returns the position of the middle of the box at which its corners are as far from one edge
+    /// as from the other.
     fn middle(&self, metres: f64) -> f64 {
         let half = (self.max - self.min) / 2.0;
         let margin = last(0.0, half, |margin| self.metres(margin) >= metres);

@@ -60,7 +60,7 @@ impl Client {
         Self::connect_with(ConnectOptions::new(address)).await
     }
 
-    /// As [`Client::connect`], with more to choose.
+    /// Connects to a manager with these options; see [`Client::connect`].
     ///
     /// # Errors
     /// [`ClientError`], which says what would be right.
@@ -73,8 +73,8 @@ impl Client {
         Ok(Self { link })
     }
 
-    /// As [`Client::connect_with`], over a byte stream that leads to a manager: a tunnel, or a
-    /// pipe to a manager in the same process. The address only stands in messages.
+    /// Connects over a byte stream that leads to a manager: a tunnel, or a pipe to a manager in the
+    /// same process. Otherwise like [`Client::connect_with`]; the address appears only in messages.
     ///
     /// # Errors
     /// [`ClientError`], which says what would be right.
@@ -104,7 +104,7 @@ impl Client {
         &self.link.shared.wall
     }
 
-    /// Whether there is a connection now.
+    /// Returns whether there is a connection now.
     pub fn is_connected(&self) -> bool {
         matches!(self.link.shared.connection(), Ok(Some(_)))
     }
@@ -137,7 +137,8 @@ impl Client {
         self.link.shared.end_reason()
     }
 
-    /// How many requests wait for their answers; at most [`crate::OPEN_REQUESTS_MAX`].
+    /// Returns the number of requests that wait for their answers; at most
+    /// [`crate::OPEN_REQUESTS_MAX`].
     pub fn pending_requests(&self) -> usize {
         self.link.shared.open_requests()
     }
@@ -226,7 +227,7 @@ impl Client {
         self.set_views(Vec::new()).await
     }
 
-    /// What the next frame presents: camera, head, views, exposure, and what displays show.
+    /// Returns the presentation of the next frame: camera, head, views, exposure, and output mode.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -301,8 +302,8 @@ impl Client {
         self.render_frame_at(None, None).await
     }
 
-    /// As [`Client::render_frame`], with the camera placed first and the scene's time set to
-    /// `time_s` seconds, each where given; without a time the wall's own clock goes on.
+    /// Places the camera and sets the scene's time to `time_s` seconds, each if given, then renders
+    /// a frame like [`Client::render_frame`]; without a time the wall's own clock goes on.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -392,7 +393,8 @@ impl Client {
         }
     }
 
-    /// What the frames took since the statistics were last reset; `reset` begins anew afterwards.
+    /// Returns measurements of the frames since the statistics were last reset; `reset` resets them
+    /// afterwards.
     ///
     /// # Errors
     /// [`ClientError`].

@@ -1,4 +1,4 @@
-//! How a client comes to its manager: address, token, handshake.
+//! The client's connection to its manager: address, token, handshake.
 
 use std::future::Ready;
 use std::net::{IpAddr, SocketAddr};
@@ -33,7 +33,7 @@ pub const KEYS_VARIABLE: &str = "POLYPTYCH_KEYS";
 const FLOOD_TRIES: u32 = 4;
 const FLOOD_WAIT: Duration = Duration::from_millis(20);
 
-/// Where and as whom to connect.
+/// Options of a connection: the manager's address, this client's name and keys, and limits.
 ///
 /// ```
 /// use polyptych_client::ConnectOptions;
@@ -59,19 +59,19 @@ pub struct ConnectOptions {
     pub insecure: bool,
     /// For logs and status; cut to the protocol's 64 bytes. With keys it is the certificate's.
     pub name: String,
-    /// How long requests may take.
+    /// The time limits of requests.
     pub timeouts: Timeouts,
     /// Most bytes that the pictures of one capture may take; [`CAPTURE_BYTES_MAX`] by default.
     pub capture_bytes_max: usize,
-    /// What happens when the connection ends. By default the client connects again, for ever:
-    /// requests that were open fail once, later ones wait a little, and feedback goes on. `None`
-    /// ends the client with its connection, which is right for a program that asks once.
+    /// The policy when the connection ends. By default the client reconnects indefinitely: requests
+    /// that were open fail once, later ones wait a little, and feedback goes on. `None` ends the
+    /// client with its connection, which suits a program that makes one request.
     ///
     /// Only connections that [`crate::Client::connect_with`] makes can be made again.
     pub reconnect: Option<ReconnectPolicy>,
 }
 
-/// How long this client waits for the answers to requests.
+/// The time limits of the answers to requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timeouts {
     /// For opening a scene, which includes baking it, and for exporting one: two minutes by default
@@ -219,7 +219,7 @@ async fn dial_and_introduce(
 /// A way to connect again where there is none.
 type NoReconnect<S> = fn() -> Ready<Result<HandshakeResult<S>, ClientError>>;
 
-/// As [`connect_tcp`], over a stream that is there already.
+/// Connects over a stream that is open already; otherwise like [`connect_tcp`].
 pub(crate) async fn connect_over<S>(
     stream: S,
     mut options: ConnectOptions,

@@ -22,8 +22,8 @@ use crate::reconnect::{HandshakeResult, Reconnector};
 /// A manager that takes nothing for so long is gone, or as good as.
 const WRITE_TIME_MAX: Duration = Duration::from_secs(30);
 
-/// How long the other end may take to close, so that the last messages are not torn away by a
-/// reset, and that its goodbye is heard.
+/// The time that the other end may take to close, so that a reset does not cut off the last
+/// messages, and its goodbye is received.
 const CLOSE_TIME_MAX: Duration = Duration::from_secs(1);
 
 /// Runs a connection until it ends, and further ones where it may be made again; then tells

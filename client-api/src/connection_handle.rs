@@ -1,4 +1,4 @@
-//! What callers and the connection task hold in common: the table of open requests, the queue of
+//! The state that callers and the connection task share: the table of open requests, the queue of
 //! messages to send, the subscribers, and the reason of the end.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -54,7 +54,7 @@ struct State {
     connection: u64,
     /// The present or last connection, as the manager names it.
     session: u64,
-    /// Whether this client has asked the manager to end: then no other one is wanted.
+    /// `true` if this client has asked the manager to end; it then makes no other connection.
     has_stopped: bool,
     /// Why there is no connection now, while another one is tried.
     lost: Option<CloseReason>,
@@ -75,7 +75,7 @@ pub(crate) struct TaggedFeedback {
 pub(crate) struct Outgoing {
     id: RequestId,
     posted: Instant,
-    /// How long it may take, once it is sent.
+    /// The time that the request may take, once it is sent.
     after: Duration,
     bytes: Bytes,
 }
@@ -85,7 +85,7 @@ pub(crate) struct Outgoing {
 pub(crate) struct CloseReason {
     /// For a person.
     pub reason: String,
-    /// Whether the manager said that it ends.
+    /// `true` if the manager said that it ends.
     pub is_goodbye: bool,
 }
 
@@ -103,7 +103,7 @@ struct Waiter {
     parts: Option<ChunkSink>,
     /// Holds the newest progress, for requests that tell theirs.
     progress: Option<watch::Sender<OpenProgress>>,
-    /// Whether the outcome can be asked for over another connection.
+    /// `true` if the outcome can be asked for over another connection.
     is_job: bool,
     /// The connection that it was sent over, as the manager names it.
     session: u64,
@@ -116,7 +116,7 @@ pub(crate) struct Wanted {
     pub parts: Option<ChunkSink>,
     /// The newest progress goes here.
     pub progress: Option<watch::Sender<OpenProgress>>,
-    /// When the request is begun.
+    /// The condition for beginning the request.
     pub delivery: Delivery,
 }
 
@@ -255,7 +255,7 @@ impl Shared {
         let _forgotten = self.lock().open.remove(id);
     }
 
-    /// How many requests wait for their answers.
+    /// Returns the number of requests that wait for their answers.
     pub fn open_requests(&self) -> usize {
         self.lock().open.len()
     }
@@ -286,12 +286,12 @@ impl Shared {
         Ok(state.lost.is_none().then_some(state.epoch))
     }
 
-    /// Whether a connection that has ended is to be made again.
+    /// Returns whether a connection that has ended is to be made again.
     pub fn wants_connection(&self) -> bool {
         !self.lock().has_stopped
     }
 
-    /// How long a request waits for a connection.
+    /// Returns the time that a request waits for a connection.
     fn wait(&self) -> Duration {
         self.options.reconnect.map_or(Duration::ZERO, |reconnect| reconnect.wait)
     }
@@ -434,7 +434,7 @@ impl Shared {
         }
     }
 
-    /// When [`Shared::handle_timeout`] has something to do.
+    /// Returns the time when [`Shared::handle_timeout`] must be called next.
     pub fn poll_timeout(&self) -> Option<Instant> {
         self.lock().open.next_deadline()
     }

@@ -1,4 +1,4 @@
-//! What can go wrong between an application and its wall.
+//! Errors between an application and its wall.
 
 use std::error::Error;
 use std::io;
@@ -9,10 +9,11 @@ use polyptych_protocol::handshake_io::ConnectionError;
 use polyptych_protocol::request::Response;
 use polyptych_protocol::token::TokenError;
 
-/// Why a call did not do what it says.
+/// The reason why a call failed.
 ///
-/// Of an open request that ends with [`ClientError::TimedOut`], [`ClientError::ConnectionLost`] or
-/// [`ClientError::ManagerEnded`] it is unknown whether it was done; it is never sent again.
+/// The outcome of an open request that ends with [`ClientError::TimedOut`],
+/// [`ClientError::ConnectionLost`] or [`ClientError::ManagerEnded`] is unknown; it is never sent
+/// again.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
     /// The address names no machine.
@@ -20,7 +21,7 @@ pub enum ClientError {
         "{address} cannot be resolved ({source}); write HOST:PORT, such as 127.0.0.1:7878, or HOST"
     )]
     Unresolved {
-        /// As it was given.
+        /// The address as given.
         address: String,
         /// The resolver's reason.
         source: io::Error,
@@ -41,7 +42,7 @@ pub enum ClientError {
     NoIntroduction {
         /// Host and port.
         address: String,
-        /// How long this client waited.
+        /// The time that this client waited.
         after: Duration,
     },
     /// The manager's secret cannot be read.
@@ -64,7 +65,7 @@ pub enum ClientError {
     NotSecured {
         /// Host and port.
         address: String,
-        /// What is wrong, and what would be right.
+        /// The fault, and the fix.
         source: Box<dyn Error + Send + Sync>,
     },
     /// The manager said no.
@@ -75,18 +76,18 @@ pub enum ClientError {
         /// The manager's own reason.
         reason: String,
     },
-    /// What listens there is no manager that this client understands.
+    /// The peer at this address is no manager that this client understands.
     #[error("no manager that this client understands at {address}: {source}")]
     Handshake {
         /// Host and port.
         address: String,
-        /// What it said instead.
+        /// The error of the handshake.
         source: ConnectionError,
     },
     /// The request was not sent, since the connection had ended before.
     #[error("cannot {request}: the connection to the manager at {address} has ended: {reason}")]
     Closed {
-        /// What was asked.
+        /// The name of the request.
         request: &'static str,
         /// Host and port.
         address: String,
@@ -99,11 +100,11 @@ pub enum ClientError {
          nothing was sent, and the client goes on trying"
     )]
     NotConnected {
-        /// What was asked.
+        /// The name of the request.
         request: &'static str,
         /// Host and port.
         address: String,
-        /// How long it waited; [`crate::ReconnectPolicy::wait`] sets it.
+        /// The time that it waited; [`crate::ReconnectPolicy::wait`] sets it.
         after: Duration,
         /// Why there is no connection.
         reason: String,
@@ -114,7 +115,7 @@ pub enum ClientError {
          whether it did \"{request}\" is unknown"
     )]
     ConnectionLost {
-        /// What was asked.
+        /// The name of the request.
         request: &'static str,
         /// Host and port.
         address: String,
@@ -124,7 +125,7 @@ pub enum ClientError {
     /// The manager said goodbye while the request was open.
     #[error("the manager at {address} ended ({reason}); whether it did \"{request}\" is unknown")]
     ManagerEnded {
-        /// What was asked.
+        /// The name of the request.
         request: &'static str,
         /// Host and port.
         address: String,
@@ -137,15 +138,15 @@ pub enum ClientError {
          unknown; polyptych status shows which channels it waits for"
     )]
     TimedOut {
-        /// What was asked.
+        /// The name of the request.
         request: &'static str,
-        /// How long this client waited; [`crate::Timeouts`] sets it.
+        /// The time that this client waited; [`crate::Timeouts`] sets it.
         after: Duration,
     },
     /// The manager could not do it; the wall is as it was before.
     #[error("cannot {request}: {reason}")]
     Failed {
-        /// What was asked.
+        /// The name of the request.
         request: &'static str,
         /// The manager's own reason.
         reason: String,
@@ -155,7 +156,7 @@ pub enum ClientError {
         "cannot {request}: {limit} requests are open; wait for answers, or drop what is not needed"
     )]
     TooManyOpen {
-        /// What was asked.
+        /// The name of the request.
         request: &'static str,
         /// [`crate::OPEN_REQUESTS_MAX`].
         limit: usize,
@@ -163,7 +164,7 @@ pub enum ClientError {
     /// The request does not fit into a message.
     #[error("cannot {request}: it takes {bytes} bytes, and a message holds at most {limit}")]
     RequestTooLarge {
-        /// What was asked.
+        /// The name of the request.
         request: &'static str,
         /// Its size.
         bytes: usize,
@@ -182,7 +183,7 @@ pub enum ClientError {
     /// The pieces of a picture don't make a picture.
     #[error("the manager sent pictures that don't fit their description: {reason}")]
     MalformedPicture {
-        /// Which picture, what came, and what would be right.
+        /// The picture, the data received, and the data expected.
         reason: String,
     },
     /// The file of an exported scene cannot be written.
@@ -199,7 +200,7 @@ pub enum ClientError {
     /// An answer to some other question.
     #[error("the manager answered \"{request}\" with something else: {answer}")]
     WrongAnswer {
-        /// What was asked.
+        /// The name of the request.
         request: &'static str,
         /// The kind of answer.
         answer: &'static str,
@@ -207,7 +208,7 @@ pub enum ClientError {
     /// A [`crate::Pending`] gives its answer once.
     #[error("the answer to \"{request}\" was taken before")]
     AnswerTaken {
-        /// What was asked.
+        /// The name of the request.
         request: &'static str,
     },
     /// The blocking client has no thread to work on.
@@ -216,8 +217,8 @@ pub enum ClientError {
 }
 
 impl ClientError {
-    /// Whether the request was sent and it is unknown whether it was done. A program that sets
-    /// cameras or draws frames goes on with the next; one that opens a scene looks at the status.
+    /// Returns whether the request was sent and its outcome is unknown. A program that sets cameras
+    /// or draws frames goes on with the next; one that opens a scene looks at the status.
     pub fn is_outcome_unknown(&self) -> bool {
         matches!(
             self,

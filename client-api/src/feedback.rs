@@ -55,8 +55,8 @@ impl FeedbackStream {
         }
     }
 
-    /// How many times the connection was made again before the last feedback that was given out:
-    /// what the wall showed meanwhile is not in the stream.
+    /// Returns the number of reconnections before the last feedback that was given out. Frames that
+    /// the wall showed while there was no connection are not in the stream.
     pub fn reconnects(&self) -> u64 {
         self.gaps
     }
@@ -67,7 +67,7 @@ impl FeedbackStream {
         self.epoch
     }
 
-    /// How many feedbacks were dropped so far because they were not read in time.
+    /// Returns the number of feedbacks that were dropped so far because they were not read in time.
     pub fn dropped(&self) -> u64 {
         self.dropped
     }

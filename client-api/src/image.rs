@@ -34,7 +34,7 @@ pub struct Capture {
 /// A picture of a screen or channel.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Image {
-    /// Of the screen or channel.
+    /// The name of the screen or channel.
     pub name: String,
     /// Pixels across.
     pub width: u32,

@@ -1,7 +1,7 @@
-//! What waits for an answer: one small table with a deadline for each request.
+//! The requests that wait for an answer: one small table with a deadline for each.
 //!
-//! It has no socket and no clock. Whoever owns it removes a request exactly once: answered,
-//! expired, given up or, at the end of the connection, all of them.
+//! It has no socket and no clock. Its owner removes a request exactly once: answered, expired,
+//! given up or, at the end of the connection, all of them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
@@ -18,13 +18,13 @@ const FOR_EVER: Duration = Duration::from_hours(8760);
 /// A request that waits.
 #[derive(Debug)]
 pub(crate) struct OpenRequest<W> {
-    /// What was asked, for messages.
+    /// The name of the request, for messages.
     pub request: &'static str,
-    /// How long it may take.
+    /// The time that it may take.
     pub after: Duration,
     /// Who waits.
     pub waiter: W,
-    /// Whether the connection task has begun to write it.
+    /// `true` once the connection task has begun to write it.
     pub is_sent: bool,
     deadline: Instant,
 }
@@ -127,7 +127,7 @@ impl<W> InFlight<W> {
         self.open.get_mut(&id).map(|open| &mut open.waiter)
     }
 
-    /// When [`InFlight::expire`] has something to do next.
+    /// Returns the time when [`InFlight::expire`] must be called next.
     pub fn next_deadline(&self) -> Option<Instant> {
         self.deadlines.first().map(|(deadline, _)| *deadline)
     }
@@ -144,12 +144,12 @@ impl<W> InFlight<W> {
         std::mem::take(&mut self.open).into_values()
     }
 
-    /// Whether a request waits.
+    /// Returns whether this request waits.
     pub fn contains(&self, id: RequestId) -> bool {
         self.open.contains_key(&id)
     }
 
-    /// How many wait.
+    /// Returns the number of requests that wait.
     pub fn len(&self) -> usize {
         self.open.len()
     }

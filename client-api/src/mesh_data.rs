@@ -122,7 +122,7 @@ impl MeshData {
         Self { positions: points.to_vec(), topology: Topology::Points, ..Self::default() }
     }
 
-    /// The same with one colour for all, linear RGBA.
+    /// Returns the mesh with one colour for all vertices, linear RGBA.
     #[must_use]
     pub fn with_color(self, color: Vec4) -> Self {
         Self { colors: vec![color; self.positions.len()], ..self }

@@ -40,10 +40,10 @@ impl Pending {
         self.id
     }
 
-    /// The answer, if it is there; does not wait. The answer is given once.
+    /// Returns the answer, if it is there; does not wait. The answer is given once.
     ///
     /// # Errors
-    /// What came of the request: see [`ClientError`]. [`ClientError::AnswerTaken`] after that.
+    /// The request's [`ClientError`]; [`ClientError::AnswerTaken`] after that.
     pub fn poll(&mut self) -> Option<Result<Response, ClientError>> {
         let Some(answer) = &mut self.answer else {
             return Some(Err(ClientError::AnswerTaken { request: self.request }));

@@ -1,4 +1,4 @@
-//! What a client does when its connection ends: it connects again, with pauses that grow.
+//! Reconnection of a client, with pauses that grow.
 
 use std::time::Duration;
 
@@ -16,13 +16,13 @@ const RETRY_FIRST: Duration = Duration::from_millis(50);
 /// Longest pause: what an application loses at most, once its manager is there again.
 const RETRY_LONGEST: Duration = Duration::from_secs(2);
 
-/// How a client goes on when its connection has ended; see [`crate::ConnectOptions::reconnect`].
+/// The policy for a connection that has ended; see [`crate::ConnectOptions::reconnect`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReconnectPolicy {
-    /// How long a request waits for a connection before it fails with
-    /// [`ClientError::NotConnected`]; ten seconds by default, in which a manager is started anew.
+    /// The time that a request waits for a connection before it fails with
+    /// [`ClientError::NotConnected`]; ten seconds by default, enough for a manager to restart.
     pub wait: Duration,
-    /// After how long without a connection the client ends; `None`, the default: never.
+    /// The time without a connection after which the client ends; `None`, the default: never.
     pub give_up_after: Option<Duration>,
 }
 
@@ -32,7 +32,7 @@ impl Default for ReconnectPolicy {
     }
 }
 
-/// How a new connection is made.
+/// The means of making a new connection.
 pub(crate) struct Reconnector<D> {
     pub reconnect: ReconnectPolicy,
     pub dial: D,

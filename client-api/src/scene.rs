@@ -1,4 +1,4 @@
-//! What a client does with the open scene: shows it, changes it, and asks about it.
+//! A client's requests about the open scene: show it, change it, and query it.
 
 use glam::DVec2;
 use polyptych_protocol::feedback::Edited;
@@ -19,7 +19,7 @@ use crate::connection_handle::Wanted;
 use crate::error::{ClientError, wrong_answer};
 use crate::scene_file::SceneFile;
 
-/// How often a scene that is edited meanwhile is read anew from its first node.
+/// Maximum number of attempts to read all nodes of a scene that is edited meanwhile.
 const READ_TRIES: u32 = 8;
 
 impl Client {
@@ -39,15 +39,15 @@ impl Client {
         self.open_scene_with(file, |_| {}).await
     }
 
-    /// As [`Client::open_scene`], and calls `on_progress` whenever the manager says how far it has
-    /// come: a few times a second at most, and only while this future is polled. Progress that
-    /// came meanwhile is left out but for the newest.
+    /// Opens a scene like [`Client::open_scene`], and calls `on_progress` with the manager's
+    /// reports of progress: a few times a second at most, and only while this future is polled. Of
+    /// the reports since the last call only the newest is passed on.
     ///
     /// The request may take [`crate::Timeouts::open_scene`] from each message about its progress
     /// on, so a large file may take longer than that.
     ///
     /// # Errors
-    /// As of [`Client::open_scene`].
+    /// The errors of [`Client::open_scene`].
     pub async fn open_scene_with(
         &self,
         file: impl Into<SceneFile>,

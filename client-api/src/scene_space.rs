@@ -31,11 +31,11 @@ impl Client {
         }
     }
 
-    /// Returns all nodes that a query asks for whose triangles lie so to a region, of one state of
-    /// the scene, parents before their children.
+    /// Returns all nodes that match a query and whose triangles have this relation to a region, of
+    /// one state of the scene, parents before their children.
     ///
     /// # Errors
-    /// The same as [`Client::find_in_region`] and [`Client::find_all_nodes`].
+    /// The errors of [`Client::find_in_region`] and [`Client::find_all_nodes`].
     pub async fn find_all_in_region(
         &self,
         region: Region,
@@ -123,7 +123,7 @@ impl Client {
     /// [`Client::first_between`] says.
     ///
     /// # Errors
-    /// The same as [`Client::first_between`].
+    /// The errors of [`Client::first_between`].
     pub async fn is_in_sight(&self, from: DVec3, to: DVec3) -> Result<bool, ClientError> {
         Ok(self.first_between(from, to).await?.is_none())
     }

@@ -146,7 +146,8 @@ fn is_within(coordinate: f64) -> bool {
     (-1e-9..=1.0 + 1e-9).contains(&coordinate)
 }
 
-/// How far a screen goes on from its middle without a gap, at most [`SURROUNDING`].
+/// Returns the distance to which a screen goes on from its middle without a gap, at most
+/// [`SURROUNDING`].
 fn reach(shows: impl Fn(f64) -> bool) -> f64 {
     const STEPS: u32 = 64;
     let step = SURROUNDING / f64::from(STEPS);

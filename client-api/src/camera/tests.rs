@@ -64,7 +64,7 @@ fn corners(bounds: &Bounds) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// Whether a box is so long that only its end would be seen from near.
+/// Returns whether a box is so long that only its end would be seen from near.
 fn is_rod(bounds: &Bounds) -> bool {
     let mut size = (bounds.max - bounds.min).to_array();
     size.sort_by(f64::total_cmp);

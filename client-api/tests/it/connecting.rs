@@ -11,7 +11,7 @@ use tokio::net::TcpListener;
 use crate::calls::answer;
 use crate::manager::{Manager, TOKEN, options};
 
-/// What a client says of a peer that follows `script`.
+/// Returns the error of a client whose peer follows `script`.
 async fn refused_by<F: Future<Output = ()>>(script: impl FnOnce(DuplexStream) -> F) -> String {
     let (ours, theirs) = duplex(1 << 12);
     let connecting = Client::connect_over(ours, options("wall-3:7878"));
