@@ -1,5 +1,5 @@
-//! How channels share the light of places that several of them light, and how their black becomes
-//! one; pure f64, from the geometry alone.
+//! Sharing of the light of places that several channels light, and levelling of their black; pure
+//! f64, from the geometry alone.
 //!
 //! ```text
 //! ramp   r_i = (Π over edges: s(distance to the edge / width of its ramp))^exponent
@@ -14,15 +14,14 @@
 //! Σ l_j + (B − Σ l_j) + (1 − B)·I = B + (1 − B)·I, whichever light the place. (1 − B) and
 //! 1 / (1 − b_i) are in the colours ([`BlendModel::color`]), the rest is in the light map.
 //!
-//! Where an edge of a picture runs through a pixel of another one, l is its mean over the pixel's
-//! area: no pixel can end its black where the edge is, but all of it has the right sum.
+//! If an edge of a picture runs through a pixel of another one, l is its mean over the pixel's
+//! area: no pixel can end its black at the edge, but all of it has the right sum.
 //!
-//! A weight depends on the place and not on the pixel that shows it, so that channels whose
-//! pixels lie askew agree. Channels for different eyes share nothing: glasses hide the others'.
-//! What is for both eyes has the light that keeps both sums (`stereo.rs`).
-//! Channels whose pixels lie where a file says ([`ChannelKind::Map`](super::ChannelKind::Map)) have
-//! weight 1 where that file brings its own shares of light: an alpha mask, or light at a mesh's
-//! corners.
+//! A weight depends on the place and not on the pixel that shows it, so that channels whose pixels
+//! lie askew agree. Channels for different eyes share nothing: glasses hide the others'. Channels
+//! for both eyes have weights that keep both sums (`stereo.rs`). Channels whose pixels a file
+//! places ([`ChannelKind::Map`](super::ChannelKind::Map)) have weight 1 if that file brings its own
+//! shares of light: an alpha mask, or light at a mesh's corners.
 
 pub(super) mod blend_channel;
 mod mask;
@@ -43,14 +42,14 @@ use crate::ChannelId;
 
 pub use mask::{ChannelMasks, MaskTexels};
 
-/// What a texel of 1 is in a [`BlendMap`].
+/// The texel of a [`BlendMap`] that stands for 1.
 pub const TEXEL_ONE: u16 = u16::MAX;
 
-/// What the light of each pixel of a channel's upright picture is multiplied by, and what is then
-/// added, in linear light.
+/// The factor and the addend of the light of each pixel of a channel's upright picture, in linear
+/// light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlendMap {
-    /// Of the upright picture, in pixels.
+    /// The size of the upright picture, in pixels.
     pub size: UVec2,
     /// Row by row from the top: factor in parts of [`TEXEL_ONE`], and addend in those of `add`;
     /// once for all colours, or for red, then all for green, then all for blue. A weight is
@@ -60,8 +59,8 @@ pub struct BlendMap {
     pub add: DVec3,
 }
 
-/// The light map of a channel, or `None` where it changes nothing: its light is its own, nothing
-/// leaks and nothing is masked. Who asks for several makes a [`BlendModel`] first.
+/// Returns the light map of a channel; `None` if it changes nothing: its light is its own, nothing
+/// leaks and nothing is masked. For several channels, make a [`BlendModel`] first.
 pub fn blend_map<'a>(
     of: impl Into<ResolvedWall<'a>>,
     id: ChannelId,
@@ -75,9 +74,9 @@ pub fn blend_map<'a>(
 pub struct LightInputs {
     eye: DVec3,
     exponent: f64,
-    /// As [`BlendModel::black`] has it.
+    /// The black of the wall, from [`BlendModel::black`].
     black: DVec3,
-    /// What the channel's addends are multiplied by, where there are any.
+    /// The factor of the channel's addends, if there are any.
     mix: DMat3,
     screen: Screen,
     files: Vec<CalibrationFile>,
@@ -107,21 +106,22 @@ impl BlendMap {
 /// A channel's part in the light of a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlendWeight {
-    /// Of the picture's light; all channels' together 1. Zero where the channel lights nothing.
+    /// The weight of the picture's light; the sum of all channels is 1. Zero where the channel
+    /// lights nothing.
     pub weight: f64,
-    /// What all channels leak that light the place, in light of the wall; of a pixel, the mean
-    /// over its area. Less than the channel's own where channels of one eye make up for much that
-    /// channels of both cannot add.
+    /// The sum of the black levels of all channels that light the place, in light of the wall; for
+    /// a pixel, the mean over its area. Less than the channel's own where channels of one eye make
+    /// up for much that channels of both cannot add.
     pub black: DVec3,
 }
 
-/// Who lights what on a wall.
+/// The blends of a wall: its channels as sources of light, and its black.
 #[derive(Clone, Debug)]
 pub struct BlendModel<'a> {
     wall: &'a super::Wall,
     /// One for each channel.
     lamps: Vec<BlendChannel<'a>>,
-    /// See [`Self::black`]; found when somebody asks.
+    /// See [`Self::black`]; computed on first use.
     black: OnceLock<DVec3>,
 }
 
@@ -145,8 +145,8 @@ impl<'a> BlendModel<'a> {
         *self.black.get_or_init(|| if leaks() { find() } else { DVec3::ZERO })
     }
 
-    /// What a channel's light is turned into before it becomes codes, so that its black is that of
-    /// the wall; `None` where there is no such channel.
+    /// Returns the correction of a channel's light before it becomes codes, so that its black is
+    /// that of the wall; `None` if there is no such channel.
     pub fn color(&self, id: ChannelId) -> Option<ColorCorrection> {
         let color = self.wall.channel(id)?.adjustment.color.clone();
         let black = self.black();
@@ -164,7 +164,7 @@ impl<'a> BlendModel<'a> {
         DMat3::from_diagonal(above_black.recip()) * channel.adjustment.color.made()
     }
 
-    /// What the light map of a channel is made from; `None` where there is no such channel.
+    /// Returns the inputs of a channel's light map; `None` if there is no such channel.
     pub fn light_inputs(&self, id: ChannelId) -> Option<LightInputs> {
         let wall = self.wall;
         let screen = wall.screen_of(wall.channel(id)?).clone();
@@ -259,8 +259,8 @@ impl<'a> BlendModel<'a> {
         shared.collect()
     }
 
-    /// How wide the ramps at a channel's edges are, in its pixels: left, right, top and bottom;
-    /// `None` where it shares no light.
+    /// Returns the widths of the ramps at a channel's edges, in its pixels: left, right, top and
+    /// bottom; `None` if it shares no light.
     pub fn ramp_widths(&self, id: ChannelId) -> [Option<f64>; 4] {
         let at = usize::from(id.0);
         self.lamps.get(at).map_or([None; 4], |lamp| {

@@ -1,7 +1,7 @@
 //! Tuning: changes of one channel's adjustment while the wall runs.
 //!
-//! What can be changed is what leaves the display's size, the scene and all other channels as they
-//! are. The result is checked as a wall file is: a picture that is folded is refused.
+//! Only changes that leave the display's size, the scene and all other channels as they are can be
+//! made. The result is checked like a wall file: a picture that is folded is refused.
 
 pub mod carry_over;
 #[cfg(test)]
@@ -23,7 +23,7 @@ const FACTOR_MAX: f64 = 16.0;
 pub enum CalibrationChange {
     /// Moves a corner of the picture.
     Pin {
-        /// Which.
+        /// The corner.
         corner: Corner,
         /// To where, in pixels from where it was drawn; x right, y down.
         to: Offset,
@@ -46,8 +46,8 @@ pub enum CalibrationChange {
     Matrix(DMat3),
     /// Codes become light by code^γ, of red, green and blue; `None`: as sRGB says.
     Gamma(Option<DVec3>),
-    /// What the display shows of black, as a share of its white in red, green and blue; `None`:
-    /// as the wall's projectors do.
+    /// The display's black level, as a share of its white in red, green and blue; `None`: that of
+    /// the wall's projectors.
     Leak(Option<DVec3>),
     /// The width of a blend in pixels; `None`: as wide as the overlap.
     Edge {
@@ -86,12 +86,12 @@ pub enum Edge {
     Bottom,
 }
 
-/// Where something is moved, in pixels.
+/// The new position of a corner or point, in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Offset {
-    /// So far from where it would be without any.
+    /// Relative to its position without any move.
     To(DVec2),
-    /// So much further than it is.
+    /// Relative to its present position.
     By(DVec2),
 }
 
@@ -100,7 +100,7 @@ impl Corner {
     pub const ALL: [Self; 4] =
         [Self::UpperLeft, Self::UpperRight, Self::LowerLeft, Self::LowerRight];
 
-    /// As commands and wall files call it.
+    /// Returns the corner's name in commands and wall files.
     pub fn name(self) -> &'static str {
         match self {
             Self::UpperLeft => "upper-left",
@@ -115,7 +115,7 @@ impl Edge {
     /// All.
     pub const ALL: [Self; 4] = [Self::Left, Self::Right, Self::Top, Self::Bottom];
 
-    /// As commands and wall files call it.
+    /// Returns the edge's name in commands and wall files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Left => "left",
@@ -140,7 +140,7 @@ impl Offset {
 }
 
 impl CalibrationChange {
-    /// As commands call it.
+    /// Returns the change's key in commands.
     pub fn key(&self) -> String {
         match self {
             Self::Pin { corner, .. } => format!("pin.{}", corner.name()),
@@ -157,7 +157,7 @@ impl CalibrationChange {
     /// Makes the change.
     ///
     /// # Errors
-    /// What is wrong with it by itself, or with the point that it names.
+    /// The fault of the change itself, or of the point that it names.
     fn make(&self, adjustment: &mut ChannelCalibration, size: DVec2) -> Result<(), String> {
         match self {
             Self::Pin { corner, to } => {
@@ -262,7 +262,7 @@ fn curve(gamma: Option<DVec3>) -> Result<TransferFunction, String> {
 /// The wall with these changes made to a channel, all or none.
 ///
 /// # Errors
-/// Which channel or key is wrong, what is wrong with it, and what would be right.
+/// The wrong channel or key, its fault, and the fix.
 pub fn apply_changes(
     wall: &Wall,
     channel: &str,
@@ -294,8 +294,7 @@ pub fn apply_changes(
     wall.fault_of(&wall.channels[usize::from(id.0)]).map_or(Ok(wall), Err)
 }
 
-/// What was tuned of the channels of a wall, by their names: those whose adjustment is not the
-/// file's.
+/// Returns the tuned adjustments of a wall's channels, by name: those that differ from the file's.
 pub fn diff(file: &Wall, tuned: &Wall) -> Vec<(String, ChannelCalibration)> {
     let pairs = file.channels.iter().zip(&tuned.channels);
     let differing = pairs.filter(|(before, now)| before.adjustment != now.adjustment);
@@ -305,7 +304,7 @@ pub fn diff(file: &Wall, tuned: &Wall) -> Vec<(String, ChannelCalibration)> {
 /// The wall with these adjustments; numbers from a file are looked at as those of a client are.
 ///
 /// # Errors
-/// What does not fit.
+/// The reason why an adjustment does not fit.
 pub fn reapply(file: &Wall, tunings: &[(String, ChannelCalibration)]) -> Result<Wall, String> {
     let mut wall = file.clone();
     for (name, adjustment) in tunings {
@@ -326,7 +325,7 @@ fn fold_or(channel: &Channel) -> Result<(), String> {
     foldover::fault(channel).map_or(Ok(()), |fault| Err(format!("{}: {fault}", channel.name)))
 }
 
-/// Whether one differs from the other only in what can be tuned.
+/// Returns whether one differs from the other only in what can be tuned.
 pub fn differs_only_by_calibration(file: &ChannelCalibration, tuned: &ChannelCalibration) -> bool {
     let ChannelCalibration { pin, bend, edges, color, .. } = file.clone();
     *file == ChannelCalibration { pin, bend, edges, color, ..tuned.clone() }

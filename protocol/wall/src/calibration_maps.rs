@@ -9,7 +9,7 @@ use super::channel_mapping::ChannelMapping;
 use super::warp::{CalibrationMap, MapCoordinates, Mask, WarpGeometry, WarpMap};
 use super::{CalibrationFile, CalibrationFileKind, Channel, ChannelCalibration, Surface, Wall};
 
-/// What the files of a wall became: each is there, sound, and of the kind that the wall says.
+/// The decoded files of a wall: each is present, valid, and of the kind that the wall states.
 #[derive(Clone, Debug, Default)]
 pub struct CalibrationMaps {
     files: Vec<Arc<CalibrationMap>>,
@@ -19,7 +19,7 @@ impl CalibrationMaps {
     /// The decoded files of this wall; `read` gives the map of a blob.
     ///
     /// # Errors
-    /// What `read` says, or that a file is of another kind, each behind the key that names the
+    /// The error of `read`, or that a file is of another kind, each behind the key that names the
     /// file in the wall file.
     pub fn load(
         wall: &Wall,
@@ -67,18 +67,18 @@ impl CalibrationMaps {
         self.warp(channel.adjustment.warp?)?.light_mask(channel.size, pixels)
     }
 
-    /// How many there are.
+    /// Returns the number of files.
     pub fn len(&self) -> usize {
         self.files.len()
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no files.
     pub fn is_empty(&self) -> bool {
         self.files.is_empty()
     }
 }
 
-/// What is wrong with a map for this use.
+/// Returns the reason why a map does not suit this use, if it does not.
 fn mismatch(kind: CalibrationFileKind, map: &CalibrationMap) -> Option<&'static str> {
     match (kind, map) {
         (

@@ -1,4 +1,4 @@
-//! Where the display space stands in the scene.
+//! The pose of display space in the scene.
 
 mod moves;
 
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 /// −Z with +Y up, as a glTF camera does.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
-    /// Where display space has its origin, in world units.
+    /// The origin of display space, in world units.
     pub position: DVec3,
     /// A unit quaternion.
     pub rotation: DQuat,
@@ -26,7 +26,7 @@ impl Camera {
 
     /// A camera at `position` that looks at `target`, with `up` upwards as far as it can be.
     ///
-    /// Where `up` is parallel to the view, or target and position coincide, some upright pose is
+    /// If `up` is parallel to the view, or target and position coincide, some upright pose is
     /// chosen rather than none: a camera path may pass through such a point.
     pub fn look_at(position: DVec3, target: DVec3, up: DVec3) -> Self {
         let backward = (position - target).try_normalize().unwrap_or(DVec3::Z);
@@ -39,7 +39,7 @@ impl Camera {
         Self { position, rotation: DQuat::from_mat3(&rotation).normalize(), scale: 1.0 }
     }
 
-    /// The same pose with `scale` world units per metre of display space.
+    /// Returns the pose with `scale` world units per metre of display space.
     pub fn with_scale(self, scale: f64) -> Self {
         Self { scale, ..self }
     }
@@ -49,7 +49,7 @@ impl Camera {
         self.position + self.rotation * (self.scale * display)
     }
 
-    /// What is wrong with these numbers, if anything: they come from outside.
+    /// Returns the fault of these numbers, if any: they come from outside.
     pub fn fault(&self) -> Option<String> {
         if !self.position.is_finite() {
             return Some(format!("camera position {} is not finite", self.position));

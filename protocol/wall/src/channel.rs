@@ -37,26 +37,26 @@ pub struct Channel {
     /// The monitor of the server's machine that it fills in full screen, by the X server's name
     /// for it; `None`: the next one that no other channel of the server takes.
     pub monitor: Option<String>,
-    /// How it is projected; fixed by the wall file, never by what one server can do.
+    /// The mode of its frustum; fixed by the wall file, never by what one server can do.
     pub projection: FrustumMode,
-    /// What part of the screen it covers.
+    /// The part of the screen that it covers.
     pub cover: ChannelKind,
-    /// What makes its picture right on the display that it has.
+    /// The corrections of its picture for its display.
     pub adjustment: ChannelCalibration,
 }
 
-/// What part of its screen a channel covers.
+/// The part of its screen that a channel covers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ChannelKind {
     /// The pixels of the canvas from `origin`, one to one.
     Tile,
-    /// What a projector throws light on.
+    /// The area that a projector lights.
     Projector(Box<Projector>),
-    /// What the channel's warp file says ([`ChannelCalibration::warp`]).
+    /// The area that the channel's warp file gives ([`ChannelCalibration::warp`]).
     Map,
 }
 
-/// How a tile of a planar screen gets its frustum.
+/// The way in which a tile of a planar screen gets its frustum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum FrustumMode {
     /// The screen's matrix, with a viewport shifted by whole pixels: tiles of one screen compute

@@ -1,4 +1,4 @@
-//! What makes a channel's picture right on the display that it has: form, light and colour.
+//! Corrections of a channel's picture for its display: form, light and colour.
 //!
 //! A display's pixel is corrected in this order: packed eyes apart, turn and mirror undone (the
 //! *upright* picture), corner pins and bends undone (the channel's pixel), then its light: colour
@@ -12,25 +12,25 @@ use serde::{Deserialize, Serialize};
 
 use crate::limits::{BEND_POINTS_MAX, CURVE_POINTS_MAX, LEAK_MAX};
 
-/// How a channel differs from a tile that is shown as it is drawn. The default is no difference.
+/// The differences of a channel from a tile that is shown as it is drawn. The default is none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ChannelCalibration {
-    /// How the display hangs.
+    /// The orientation of the display.
     pub turn: Orientation,
     /// Left and right are exchanged, as for projection from behind, before it is turned.
     pub mirror: bool,
-    /// Whose eye it is for.
+    /// The eye that it is for.
     pub eye: Eye,
-    /// How the pictures of both eyes share one display.
+    /// The layout of both eyes' pictures on one display.
     pub packing: StereoPacking,
     /// By how many pixels, x right and y down, the corners are moved: upper left, upper right,
     /// lower left, lower right. The picture follows by the homography of the four.
     pub pin: [DVec2; 4],
     /// A grid of points that are moved, after the pins.
     pub bend: Option<ControlGrid>,
-    /// Where its blends begin.
+    /// The widths of its blends.
     pub edges: BlendWidths,
-    /// Who says how its light fades where others light the same places.
+    /// The source of its ramps where others light the same places.
     pub ramps: Ramps,
     /// Its light.
     pub color: ColorCorrection,
@@ -40,7 +40,7 @@ pub struct ChannelCalibration {
     pub alpha: Option<u16>,
     /// An index into [`Wall::files`](super::Wall::files): its least light.
     pub beta: Option<u16>,
-    /// How fine its display's codes are.
+    /// The bit depth of its display.
     pub bits: BitDepth,
 }
 
@@ -175,7 +175,7 @@ impl PartialEq for Moves {
     }
 }
 
-/// How wide the ramps at a channel's edges are, in its pixels; `None`: as wide as the overlap.
+/// The widths of the ramps at a channel's edges, in its pixels; `None`: the width of the overlap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BlendWidths {
     /// At the left edge.
@@ -188,21 +188,21 @@ pub struct BlendWidths {
     pub bottom: Option<f64>,
 }
 
-/// What a channel's light is turned into before it becomes codes.
+/// The correction of a channel's light before it becomes codes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ColorCorrection {
     /// Linear light is multiplied by it first.
     pub matrix: DMat3,
     /// Then red, green and blue by these.
     pub gain: DVec3,
-    /// How codes become light on this display.
+    /// The display's transfer function from codes to light.
     pub curve: TransferFunction,
-    /// What it shows of black, as a share of its white, in its red, green and blue; `None`: as
-    /// the wall's projectors do ([`BlendConfig::leak`](super::BlendConfig)).
+    /// The display's black level, as a share of its white, in its red, green and blue; `None`: that
+    /// of the wall's projectors ([`BlendConfig::leak`](super::BlendConfig)).
     pub leak: Option<DVec3>,
 }
 
-/// How a display turns codes into light.
+/// The transfer function of a display from codes to light.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum TransferFunction {
     /// IEC 61966-2-1.
@@ -226,7 +226,7 @@ impl Default for ColorCorrection {
 }
 
 impl ChannelCalibration {
-    /// What is shown is what was drawn, but for the turn, and for light that others share.
+    /// Returns whether the picture is shown as it was drawn, except for light that others share.
     pub fn is_identity(&self) -> bool {
         *self == Self { eye: self.eye, edges: self.edges, ..Self::default() }
     }
@@ -259,7 +259,7 @@ impl ChannelCalibration {
         (packed % parts == UVec2::ZERO).then(|| packed / parts)
     }
 
-    /// What is wrong with numbers that came over the wire, if anything.
+    /// Returns the fault of numbers that came over the wire, if any.
     pub(super) fn fault(&self, file_count: usize) -> Option<String> {
         let files = [self.warp, self.alpha, self.beta];
         if files.into_iter().flatten().any(|index| usize::from(index) >= file_count) {

@@ -1,4 +1,4 @@
-//! Where the pixels of a channel lie: on the canvas of its screen, and in display space.
+//! Positions of a channel's pixels: on the canvas of its screen, and in display space.
 //!
 //! ```text
 //! channel pixel --bend, pin--> tile's pixel --origin--> canvas --surface--> display space
@@ -20,8 +20,8 @@ use crate::ChannelId;
 /// Steps of the search for the pixel that a bend moves to a place; each at least halves the error.
 const UNBEND_STEPS: usize = 32;
 
-/// How far a place of a mesh's canvas may be from where the pixel lies that shows it, in pixels of
-/// the canvas: more, and another layer of the mesh stands before it.
+/// Maximum distance of a place on a mesh's canvas from the position of the pixel that shows it, in
+/// pixels of the canvas; beyond it, another layer of the mesh stands before the place.
 const LAYER_PX: f64 = 1.0;
 
 /// The places of one channel's pixels.
@@ -31,16 +31,16 @@ pub struct ChannelMapping<'a> {
     ground: ScreenGeometry<'a>,
     /// Its warp, and the eye that sees it on the canvas.
     warp: Option<(&'a MeshBvh, DVec3)>,
-    /// Whether its projector stands behind the screen.
+    /// `true` if its projector stands behind the screen.
     is_rear: bool,
     /// From where a pixel is meant to be to where the pins move it, and back.
     pin: Option<(DMat3, DMat3)>,
 }
 
 impl Wall {
-    /// Where the pixels of a channel lie, as far as no file has to say it
-    /// ([`crate::wall_geometry::ResolvedWall::channel_mapping`]); `None` if there is no such
-    /// channel, or if its pins leave no picture.
+    /// Returns the mapping of a channel's pixels without its files
+    /// ([`crate::wall_geometry::ResolvedWall::channel_mapping`] has them); `None` if there is no
+    /// such channel, or if its pins leave no picture.
     pub fn channel_mapping(&self, id: ChannelId) -> Option<ChannelMapping<'_>> {
         ResolvedWall::from(self).channel_mapping(id)
     }
@@ -99,8 +99,8 @@ impl<'a> ChannelMapping<'a> {
         self.pixel_at(canvas, point)
     }
 
-    /// As [`Self::pixel_from_canvas`], of a place whose point of display space is known: only
-    /// tiles do without.
+    /// Returns the pixel like [`Self::pixel_from_canvas`], for a place whose point of display space
+    /// is known; only tiles need no point.
     pub(crate) fn pixel_at(&self, canvas: DVec2, point: Option<DVec3>) -> Option<DVec2> {
         let meant = match &self.channel.cover {
             ChannelKind::Tile => canvas - self.channel.origin.as_dvec2(),
@@ -125,7 +125,7 @@ impl<'a> ChannelMapping<'a> {
         }
     }
 
-    /// Whether all is there that says where its pixels lie; else a file is wanted.
+    /// Returns whether everything that places its pixels is there; if not, a file is missing.
     pub fn is_resolved(&self) -> bool {
         match self.channel.cover {
             ChannelKind::Tile => true,
@@ -146,19 +146,20 @@ impl<'a> ChannelMapping<'a> {
         self.ground
     }
 
-    /// What a projector lights with this place of its picture, and where on the canvas that is.
+    /// Returns the point that a projector lights with this place of its picture, and its place on
+    /// the canvas.
     fn lit(&self, meant: DVec2) -> Option<(DVec3, DVec2)> {
         let ChannelKind::Projector(projector) = &self.channel.cover else { return None };
         self.lit_along(projector.direction(meant / self.channel.size.as_dvec2()))
     }
 
-    /// What a projector lights in this direction.
+    /// Returns the point that a projector lights in this direction.
     pub(crate) fn point_along(&self, direction: DVec3) -> Option<DVec3> {
         let ChannelKind::Projector(projector) = &self.channel.cover else { return None };
         self.ground.point_side(projector.position, direction, self.is_rear)
     }
 
-    /// What a projector lights in this direction, and where on the canvas that is.
+    /// Returns the point that a projector lights in this direction, and its place on the canvas.
     pub fn lit_along(&self, direction: DVec3) -> Option<(DVec3, DVec2)> {
         let ChannelKind::Projector(projector) = &self.channel.cover else { return None };
         self.ground.hit_side(projector.position, direction, self.is_rear)

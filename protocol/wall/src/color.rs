@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use super::{ColorCorrection, TransferFunction};
 
 impl ColorCorrection {
-    /// What linear light is multiplied by: the matrix, then the gains.
+    /// Returns the factor of linear light: the matrix, then the gains.
     pub fn made(&self) -> DMat3 {
         DMat3::from_diagonal(self.gain) * self.matrix
     }

@@ -1,5 +1,5 @@
-//! What a server draws of a channel, and why it cannot: the same for those that check a wall
-//! before and those that draw it.
+//! The mesh that a server draws a channel with, or the reason why it cannot: the same for checking
+//! a wall beforehand and for drawing it.
 
 use glam::DVec3;
 
@@ -16,7 +16,7 @@ impl ResolvedWall<'_> {
     /// beside the channel's picture.
     ///
     /// # Errors
-    /// Why nothing of the channel can be drawn.
+    /// The reason why nothing of the channel can be drawn.
     pub fn drawn_mesh(&self, maps: &CalibrationMaps, id: ChannelId) -> Result<WarpMesh, String> {
         let map = self.channel_mapping(id).ok_or("its corner pins leave no picture")?;
         let channel = self.wall.channel(id).ok_or("the wall has no such channel")?;
@@ -49,11 +49,11 @@ impl ResolvedWall<'_> {
         Ok(mesh)
     }
 
-    /// The first channel of those that files place which no server could draw: the key that names
-    /// the file, the file, why, and what would be right. The files must be the wall's.
+    /// Checks that servers can draw every channel that files place. The files must be the wall's.
     ///
     /// # Errors
-    /// As said.
+    /// The key that names the file of the first channel that cannot be drawn, the file, the reason
+    /// and the fix.
     pub fn check_files(&self, maps: &CalibrationMaps) -> Result<(), String> {
         let wall = self.wall;
         for (id, channel) in wall.channel_ids().zip(&wall.channels) {

@@ -1,6 +1,6 @@
-//! Whether a channel's picture is folded: pins or bends that let two of its pixels lie on one
-//! place, or that mirror it. Wall files and tunings are held to the same, so that what was tuned
-//! can be saved and read again.
+//! The check for a folded picture of a channel: pins or bends that let two of its pixels lie on one
+//! place, or that mirror it. Wall files and tunings are held to the same rule, so that a tuned
+//! picture can be saved and read again.
 
 use glam::{DVec2, UVec2};
 
@@ -12,7 +12,8 @@ use super::{Channel, ChannelKind, Screen};
 /// has at most two turns.
 const STEPS_OF_CELL: u32 = 4;
 
-/// How far from where it began a place may be that was moved and found again, in pixels.
+/// Maximum distance in pixels of a place from itself, after it was moved by pins and bends and
+/// back.
 const ASTRAY_MAX_PX: f64 = 1e-3;
 
 /// A picture that cannot be shown.
@@ -21,13 +22,13 @@ const ASTRAY_MAX_PX: f64 = 1e-3;
 pub struct FoldoverError {
     /// `pin` or `bend`.
     pub key: &'static str,
-    /// What is wrong.
+    /// The fault.
     pub what: &'static str,
-    /// What would be right.
+    /// The fix.
     pub remedy: &'static str,
 }
 
-/// What is folded of a channel's picture, if anything.
+/// Returns the fold of a channel's picture, if any.
 pub fn fault(channel: &Channel) -> Option<FoldoverError> {
     // Of pins and bends only the picture's own size matters: as a tile of nothing, whatever it is.
     let nothing = Screen::new("", Surface::Mesh(0), UVec2::ONE);
@@ -53,7 +54,7 @@ pub fn fault(channel: &Channel) -> Option<FoldoverError> {
     })
 }
 
-/// Whether the picture keeps its side everywhere, and all its pixels are found again.
+/// Returns whether the picture keeps its side everywhere, and all its places are found again.
 fn is_flat(map: &ChannelMapping<'_>, size: UVec2, steps: UVec2) -> bool {
     let place = |x: u32, y: u32| {
         let at = UVec2::new(x, y).as_dvec2() / steps.as_dvec2() * size.as_dvec2();

@@ -91,7 +91,7 @@ pub struct ScreenFrustum {
     pub edges_m: [f64; 4],
 }
 
-/// What one channel is drawn with.
+/// The frustum that one channel is drawn with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChannelFrustum {
     /// Off-axis perspective into wgpu's clip space: z/w is 1 at the near plane, 0 at infinity.
@@ -100,8 +100,9 @@ pub struct ChannelFrustum {
     pub view_from_display: DMat3,
     /// In metres of display space.
     pub eye: DVec3,
-    /// Where the matrix's picture lies in this channel's target: x, y, width, height in pixels.
-    /// The whole canvas, shifted, for [`FrustumMode::Shared`]; the target for [`FrustumMode::Own`].
+    /// The rectangle of the matrix's picture in this channel's target: x, y, width, height in
+    /// pixels. The whole canvas, shifted, for [`FrustumMode::Shared`]; the target for
+    /// [`FrustumMode::Own`].
     pub viewport: [f64; 4],
     /// The near plane's distance in metres of display space.
     pub near_m: f64,
@@ -173,7 +174,7 @@ impl Screen {
 }
 
 impl Wall {
-    /// What a channel is drawn with, for an eye in metres of display space.
+    /// Returns the frustum of a channel for an eye in metres of display space.
     ///
     /// # Errors
     /// [`FrustumError`] where the channel doesn't exist, its screen is no rectangle, or the eye

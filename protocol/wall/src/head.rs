@@ -29,7 +29,7 @@ impl HeadPose {
         Self { position, rotation: DQuat::IDENTITY, eye_separation_m }
     }
 
-    /// Where an eye is, in metres of display space.
+    /// Returns the position of an eye, in metres of display space.
     pub fn eye(&self, of: Eye) -> DVec3 {
         let sideways = match of {
             Eye::Center => return self.position,
@@ -39,7 +39,7 @@ impl HeadPose {
         self.position + self.rotation * DVec3::new(sideways * self.eye_separation_m, 0.0, 0.0)
     }
 
-    /// What is wrong with these numbers, if anything: they come from outside.
+    /// Returns the fault of these numbers, if any: they come from outside.
     pub fn fault(&self) -> Option<String> {
         if !self.position.is_finite() {
             return Some(format!("head position {} is not finite", self.position));

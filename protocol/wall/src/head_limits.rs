@@ -1,5 +1,4 @@
-//! Whether the viewer's head can be where a tracker says: each eye of it must stand in front of
-//! all that is drawn for it.
+//! Limits of the viewer's head: each of its eyes must stand in front of all that is drawn for it.
 
 use glam::{DVec2, DVec3, UVec2};
 
@@ -17,10 +16,10 @@ use crate::head::HeadPose;
 /// of 80 is another one there, none from sixteen times as far on.
 pub const EYE_ROUNDING_MAX_PX: f64 = 0.25;
 
-/// Why a head cannot be where someone wants it.
+/// The reason why a head cannot be at a requested pose.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HeadError {
-    /// Its numbers are none.
+    /// The pose contains NaN or an out-of-range value.
     #[error("{0}")]
     Numbers(String),
     /// A channel's pixels are known for the eye of the wall file only.
@@ -31,13 +30,13 @@ pub enum HeadError {
     OneEye {
         /// The channel's name.
         channel: String,
-        /// Of its warp.
+        /// The path of its warp file.
         path: String,
     },
     /// An eye does not see the front of a screen.
     #[error("the {} does not see its screen: {error}", name(*.of))]
     Eye {
-        /// Which of the eyes.
+        /// The eye.
         of: Eye,
         /// Channel, eye and distance.
         error: FrustumError,
@@ -53,13 +52,13 @@ pub enum HeadError {
         channel: String,
         /// The screen's name.
         screen: String,
-        /// Which of the eyes.
+        /// The eye.
         of: Eye,
         /// In metres of display space.
         eye: DVec3,
         /// From the screen's plane, in metres.
         distance_m: f64,
-        /// What would be enough there.
+        /// The minimum distance there, in metres.
         least_m: f64,
     },
 }
@@ -73,7 +72,7 @@ fn name(of: Eye) -> &'static str {
 }
 
 impl Channel {
-    /// Whose eyes it is drawn for: both where their pictures share its display.
+    /// Returns the eyes that it is drawn for: both if their pictures share its display.
     pub fn eyes(&self) -> &'static [Eye] {
         match (self.adjustment.packing, self.adjustment.eye) {
             (StereoPacking::None, Eye::Center) => &[Eye::Center],
@@ -85,9 +84,8 @@ impl Channel {
 }
 
 impl Screen {
-    /// How far from this plane an eye must be that is about there, for a channel's pixels on it to
-    /// be right, in metres ([`EYE_ROUNDING_MAX_PX`]); `None` where the screen
-    /// is no plane.
+    /// Returns the minimum distance from this plane of an eye about there, for a channel's pixels
+    /// on it to be right, in metres ([`EYE_ROUNDING_MAX_PX`]); `None` if the screen is no plane.
     pub fn eye_distance_min_m(&self, channel: &Channel, eye: DVec3) -> Option<f64> {
         const F32_ROUNDING: f64 = 0.5 * f32::EPSILON as f64;
         self.plane()?;
@@ -110,7 +108,7 @@ impl Wall {
         HeadPose::facing_forward(self.eye, self.eye_separation_m)
     }
 
-    /// Whether every channel can be drawn for its eyes of this head.
+    /// Checks that every channel can be drawn for its eyes of this head.
     ///
     /// # Errors
     /// The first channel that cannot, by name, with the eye and its distance from the screen.

@@ -71,36 +71,36 @@ pub const NEAR_DEFAULT_M: f64 = 0.05;
 /// The whole display system that one wall file describes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Wall {
-    /// What to call it.
+    /// The wall's name.
     pub name: String,
     /// Surfaces, in the order of the file.
     pub screens: Vec<Screen>,
     /// Output images; a [`ChannelId`] is an index into this list.
     pub channels: Vec<Channel>,
-    /// Where the viewer's eye stands, in metres of display space.
+    /// The position of the viewer's eye, in metres of display space.
     pub eye: DVec3,
     /// From the left eye to the right one, in metres; channels for one eye see from half of it.
     pub eye_separation_m: f64,
-    /// How the pictures of stereo channels are made.
+    /// The rule for the pictures of stereo channels.
     pub stereo: StereoRule,
     /// Distance of the near plane from the eye, in metres of display space; the same for all
     /// channels, so that depth agrees.
     pub near_m: f64,
     /// Samples per pixel: 1 or 4.
     pub samples: u32,
-    /// How channels that light the same places share the light.
+    /// The rule by which channels that light the same places share the light.
     pub blend: BlendConfig,
-    /// Whether codes are dithered where a channel's light is corrected.
+    /// `true` if codes are dithered where a channel's light is corrected.
     pub dither: bool,
     /// Files of others that channels and screens refer to, by their index in this list.
     pub files: Vec<CalibrationFile>,
-    /// How long a frame waits for a channel.
+    /// The rule for the time that a frame waits for a channel.
     pub deadline: DeadlinePolicy,
-    /// When frames are sent and swapped.
+    /// The timing of sending and swapping frames.
     pub sync: SyncPolicy,
     /// A peer that is silent this long is lost.
     pub heartbeat_ms: u32,
-    /// Where the manager listens.
+    /// The address that the manager listens on.
     pub listen: String,
     /// Folders and URLs of object stores in which servers look for blobs before they ask the
     /// manager.
@@ -143,7 +143,7 @@ impl MemoryBudget {
     }
 }
 
-/// How long a frame waits: `factor` × the wall's median draw time, within bounds.
+/// The time that a frame waits: `factor` × the wall's median draw time, within bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeadlinePolicy {
     /// Times the median draw time.
@@ -154,7 +154,7 @@ pub struct DeadlinePolicy {
     pub max_ms: u32,
 }
 
-/// When frames are sent and swapped.
+/// The timing of sending and swapping frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SyncPolicy {
     /// Frames that are sent ahead of the one that waits for its swap: 0 to
@@ -166,47 +166,47 @@ pub struct SyncPolicy {
     pub swap_lead_ms: u32,
 }
 
-/// How channels share the light of a place that several of them light.
+/// The rule by which channels share the light of a place that several of them light.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BlendConfig {
     /// Steepness of the ramps: 1 is a smooth step, larger numbers are steeper in the middle.
     pub exponent: f64,
-    /// What a projector shows of black, as a share of its white; 0 for panels.
+    /// The black level of a projector, as a share of its white; 0 for panels.
     pub leak: f64,
 }
 
-/// A file that somebody else wrote: a map of pixels, a mesh of a screen, a mask.
+/// A file of another program: a map of pixels, a mesh of a screen, a mask.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CalibrationFile {
-    /// Where it is, as the wall file says.
+    /// Its path, as in the wall file.
     pub path: String,
-    /// What it is.
+    /// Its kind.
     pub kind: CalibrationFileKind,
-    /// What it was baked to; `None` until that was done, never in a wall that servers get.
+    /// The blob that it was baked to; `None` before baking, never in a wall that servers get.
     pub blob: Option<BlobHash>,
-    /// Whether it is right for the eye of the wall file only, as maps on a canvas are: then no
-    /// head moves. Known once it was baked.
+    /// `true` if it is right for the eye of the wall file only, as maps on a canvas are: then no
+    /// head moves. Known after baking.
     pub is_for_one_eye: bool,
-    /// Some places of its surface, if it has any, by which it is known where no eye can be. Known
-    /// once it was baked.
+    /// Some places of its surface, if it has any, which tell where no eye can be. Known after
+    /// baking.
     pub front: Vec<surface_sample::SurfaceSample>,
 }
 
-/// What a wall's file is.
+/// The kind of a wall's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CalibrationFileKind {
-    /// Where each pixel of a channel lies.
+    /// The position of each pixel of a channel.
     Warp,
     /// The surface of a screen.
     ScreenMesh,
-    /// What light is multiplied by.
+    /// The factor of the light.
     Alpha,
-    /// What light is there at least.
+    /// The minimum of the light.
     Beta,
-    /// As `Warp`, of a PFM whose pixels at (0, 0, 0) are unlit.
+    /// A warp in a PFM whose pixels at (0, 0, 0) are unlit.
     WarpDarkZeros,
-    /// As `Warp`, of an OBJ whose positions are places of the picture, and whose texture
-    /// coordinates are places of the canvas.
+    /// A warp in an OBJ whose positions are places of the picture, and whose texture coordinates
+    /// are places of the canvas.
     WarpSgct,
 }
 
@@ -217,7 +217,8 @@ impl Default for BlendConfig {
 }
 
 impl Wall {
-    /// What a channel's display shows of black, as a share of its white in red, green and blue.
+    /// Returns the black level of a channel's display, as a share of its white in red, green and
+    /// blue.
     pub fn leak_of(&self, channel: &Channel) -> DVec3 {
         channel.adjustment.color.leak.unwrap_or(DVec3::splat(self.blend.leak))
     }
@@ -252,8 +253,8 @@ impl Wall {
         }
     }
 
-    /// What is wrong with a wall that came over the wire, if anything: an index that points
-    /// nowhere, a size beyond the limits, a number that is none. A wall file is checked for more.
+    /// Returns the fault of a wall that came over the wire, if any: an index that points nowhere, a
+    /// size beyond the limits, an invalid number. A wall file is checked for more.
     pub fn fault(&self) -> Option<String> {
         if self.channels.len() > CHANNELS_MAX || self.screens.len() > SCREENS_MAX {
             return Some("the wall has more channels or screens than any may have".into());
@@ -299,7 +300,7 @@ impl Wall {
             .or_else(|| self.channels.iter().find_map(|channel| self.fault_of(channel)))
     }
 
-    /// What is wrong with numbers of a channel that came over the wire, if anything.
+    /// Returns the fault of a channel's numbers that came over the wire, if any.
     pub(crate) fn fault_of(&self, channel: &Channel) -> Option<String> {
         let is_bad = self.screens.get(usize::from(channel.screen)).is_none_or(|screen| {
             let end = channel.origin.saturating_add(channel.size);

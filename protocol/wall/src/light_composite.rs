@@ -1,5 +1,5 @@
-//! What a wall shows, from the codes that its displays get: on each place of a screen's canvas the
-//! sum of the light of all channels that light it; pure f64.
+//! The light that a wall shows for the codes of its displays: on each place of a screen's canvas
+//! the sum of the light of all channels that light it; pure f64.
 //!
 //! ```text
 //! codes of a display → turn, packing, mirror undone → light by the display's curve
@@ -25,20 +25,20 @@ use crate::ChannelId;
 /// Pixels of a row whose places are found at its ends and its middle only, where that is as good.
 const SPAN: u32 = 16;
 
-/// How far such a place may be from the exact one, in pixels of the picture.
+/// Maximum error of a place between them, in pixels of the picture.
 const PLACE_ERROR_MAX: f64 = 1e-3;
 
 /// The picture of a channel as its display gets it.
 #[derive(Clone, Copy, Debug)]
 pub struct DisplayImage<'a> {
-    /// Whose it is.
+    /// The channel that drew it.
     pub channel: ChannelId,
     /// RGBA8, rows from the top, of the channel's
     /// [`display_size`](super::Channel::display_size).
     pub rgba: &'a [u8],
 }
 
-/// Which of a viewer's eyes sees a screen.
+/// The eye of a viewer that sees a screen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StereoEye {
     /// The left one, or both where channels are for the middle of both.
@@ -55,7 +55,7 @@ pub struct LightComposite<'a> {
 }
 
 impl StereoEye {
-    /// Whether this eye sees a channel.
+    /// Returns whether this eye sees a channel.
     pub fn sees(self, channel: &Channel) -> bool {
         let ChannelCalibration { packing, eye, .. } = channel.adjustment;
         packing != StereoPacking::None
@@ -77,7 +77,7 @@ impl StereoEye {
     }
 }
 
-/// Whether what a side sees of a screen differs from the codes of its tiles beside each other.
+/// Returns whether an eye's view of a screen differs from the codes of its tiles beside each other.
 pub fn needs_composite(wall: &Wall, screen: u16, side: StereoEye) -> bool {
     let seen = |channel: &&Channel| channel.screen == screen && side.sees(channel);
     let lamps: Vec<_> =
@@ -97,8 +97,8 @@ pub fn needs_composite(wall: &Wall, screen: u16, side: StereoEye) -> bool {
 }
 
 impl<'a> LightComposite<'a> {
-    /// Of the pictures that belong to this screen and are seen from this side; what is not there,
-    /// or not of its channel's size, gives no light.
+    /// Combines the pictures that belong to this screen and are seen from this side; a picture that
+    /// is missing, or not of its channel's size, gives no light.
     pub fn new(
         of: impl Into<ResolvedWall<'a>>,
         screen: u16,
@@ -164,7 +164,7 @@ pub struct LinearImage<'a> {
     hang: DisplayTransform,
     /// The light of each code, of the colours that pass the eye's glass.
     light: Vec<DVec3>,
-    /// What the display shows of black.
+    /// The display's black level.
     leak: DVec3,
 }
 
@@ -200,7 +200,8 @@ impl<'a> LinearImage<'a> {
         })
     }
 
-    /// What the display shows of light that its codes ask for: with what leaks.
+    /// Returns the light that the display shows for the light of its codes: its black level is
+    /// added.
     pub fn leaking(&self, light: DVec3) -> DVec3 {
         light * (DVec3::ONE - self.leak) + self.leak
     }
@@ -264,13 +265,13 @@ impl<'a> LinearImage<'a> {
     }
 }
 
-/// How an upright picture becomes a part of a display's: mirrored, packed, then turned.
+/// The transform of an upright picture into a part of a display's: mirrored, packed, then turned.
 #[derive(Clone, Copy, Debug)]
 struct DisplayTransform {
     turn: Orientation,
     is_mirrored: bool,
     upright: UVec2,
-    /// Where it begins among both eyes' pictures.
+    /// Its upper left corner among both eyes' pictures.
     begin: UVec2,
     packed: UVec2,
 }

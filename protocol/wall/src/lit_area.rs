@@ -1,5 +1,5 @@
-//! Where the picture of a channel that a file places is lit at all: row by row from where to where,
-//! and column by column. Ramps begin there and not at the edges of the picture, which may be dark.
+//! The lit area of a channel's picture that a file places: the first and last lit place of each row
+//! and column. Ramps begin there and not at the edges of the picture, which may be dark.
 //!
 //! Holes within are not in it: beside a hole, a channel keeps its weight up to the edge.
 
@@ -16,7 +16,7 @@ pub(super) struct LitArea {
     /// The rectangle around all of it.
     pub low: DVec2,
     pub high: DVec2,
-    /// Of equally spaced lines across, then down: where they begin and end; NaN where all is dark.
+    /// The ends of equally spaced lines across, then down; NaN where all is dark.
     lines: [Vec<DVec2>; 2],
 }
 
@@ -30,7 +30,7 @@ pub(super) enum Edge {
 }
 
 impl LitArea {
-    /// What the triangles of a mesh cover.
+    /// Returns the area that the triangles of a mesh cover.
     pub fn new(mesh: &WarpMesh) -> Self {
         let corners = mesh.triangles.iter().flatten();
         let places = corners.map(|corner| mesh.vertices[*corner as usize].pixel);
@@ -54,7 +54,8 @@ impl LitArea {
         }
     }
 
-    /// How far within the left, right, upper and lower side a place is, in pixels; negative beyond.
+    /// Returns the distances of a place from the left, right, upper and lower side, in pixels;
+    /// negative beyond it.
     pub fn distances(&self, at: DVec2) -> [f64; 4] {
         let (row, column) = (self.line(0, at), self.line(1, at));
         let from = [at.x - row.x, row.y - at.x, at.y - column.x, column.y - at.y];
@@ -75,7 +76,7 @@ impl LitArea {
     }
 }
 
-/// Where lines along an axis, 0 across and 1 down, meet triangles first and last.
+/// Returns the first and last place where lines along an axis, 0 across and 1 down, meet triangles.
 fn lines(mesh: &WarpMesh, along: usize, low: DVec2, high: DVec2) -> Vec<DVec2> {
     let (beside, count) = (1 - along, LINES as f64);
     let step = (high[beside] - low[beside]) / count;

@@ -1,5 +1,5 @@
-//! A mesh that is asked where rays meet it, and what lies at a place of its picture: f64, in a tree
-//! of boxes.
+//! Ray casts and look-ups of picture places on a triangle mesh in f64, using a bounding volume
+//! hierarchy.
 
 use glam::{DVec2, DVec3};
 
@@ -14,14 +14,14 @@ pub struct MeshBvh {
     by_place: TriangleBvh,
 }
 
-/// Where a ray meets a mesh.
+/// The point where a ray meets a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// In metres of display space.
     pub point: DVec3,
     /// In the picture.
     pub place: DVec2,
-    /// Whether it comes from the side from which the picture is upright and not mirrored.
+    /// `true` if the ray comes from the side from which the picture is upright and not mirrored.
     pub is_front: bool,
 }
 
@@ -45,8 +45,8 @@ impl MeshBvh {
         Some(a + (b - a) * u + (c - a) * v)
     }
 
-    /// Where a ray meets the mesh. Of several places the one nearest to `near`, counted in
-    /// directions from `from`: 0 is what it meets first.
+    /// Returns the point where a ray meets the mesh. Of several, the one nearest to `near` on the
+    /// ray, in directions from `from`: 0 gives the first.
     pub fn hit(&self, from: DVec3, direction: DVec3, near: f64) -> Option<Hit> {
         let corners = |triangle: usize| self.corners(triangle, |vertex| vertex.point);
         let (triangle, [_, u, v]) = nearest(&self.by_point, from, direction, near, corners)?;

@@ -29,7 +29,7 @@ pub enum PickError {
     /// There is no such screen.
     #[error("the wall has no screen {name:?}; it has {all}")]
     NoScreen {
-        /// As asked.
+        /// The requested name.
         name: String,
         /// The names that there are.
         all: String,
@@ -37,7 +37,7 @@ pub enum PickError {
     /// The pixel is not on the screen.
     #[error("{pixel} is not on screen {name}, which has {} × {} pixels", .canvas.x, .canvas.y)]
     OffScreen {
-        /// As asked.
+        /// The requested pixel.
         pixel: DVec2,
         /// The screen.
         name: String,

@@ -11,7 +11,7 @@ const SIDE_RAYS: u32 = 9;
 /// A projector without distortion: a pinhole with an image plane.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Projector {
-    /// Where its light comes from, in metres of display space.
+    /// The point from which its light comes, in metres of display space.
     pub position: DVec3,
     /// Turns its own axes (x right and y up in its picture, light goes along −Z) into display
     /// space.
@@ -37,8 +37,9 @@ impl Projector {
         hit(false).or_else(|| hit(true))
     }
 
-    /// Whether it is a rear projector: more of its rays meet the back of a screen first than its
-    /// front. `side_of` says of a ray whether what it meets first is the back.
+    /// Returns whether it is a rear projector: more of its rays meet the back of a screen first
+    /// than its front. `side_of` returns whether a ray meets a back first; `None` if it meets
+    /// nothing.
     pub(super) fn is_rear(&self, side_of: impl Fn(DVec3) -> Option<bool>) -> bool {
         let place = |step: u32| (f64::from(step) + 0.5) / f64::from(SIDE_RAYS);
         let places = (0..SIDE_RAYS).flat_map(|y| (0..SIDE_RAYS).map(move |x| (x, y)));

@@ -10,7 +10,7 @@ use super::surface::{Plane, Surface};
 pub struct Screen {
     /// Unique within the wall.
     pub name: String,
-    /// Where it stands and how it is curved.
+    /// Its position and curvature.
     pub surface: Surface,
     /// Pixels of the whole screen, those hidden behind bezels included: the surface's (u, v) in
     /// steps of one pixel.
@@ -22,9 +22,9 @@ pub struct Screen {
 /// Gaps between the tiles of a screen, behind which the picture goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bezel {
-    /// What the wall file asked for, across and down, in metres.
+    /// The gap that the wall file asks for, across and down, in metres.
     pub asked_m: DVec2,
-    /// What is in force: the nearest even numbers of pixels.
+    /// The gap in force: the nearest even numbers of pixels.
     pub pixels: UVec2,
 }
 

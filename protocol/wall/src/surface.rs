@@ -13,7 +13,7 @@ pub use cylinder::Cylinder;
 pub use plane::Plane;
 pub use sphere::Sphere;
 
-/// Where a screen stands and how it is curved.
+/// The position and the curvature of a screen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Surface {
     /// A rectangle.
@@ -48,14 +48,15 @@ impl Surface {
         }
     }
 
-    /// Where a ray meets the patch, or the surface a little beside it, on the side that the viewer
-    /// sees; of a plane, where it meets the plane. `None` where it never does.
+    /// Returns the point where a ray meets the patch, or the surface a little beside it, on the
+    /// side that the viewer sees; for a plane, the point on the plane. `None` if it meets neither,
+    /// and for a mesh.
     pub fn hit(&self, from: DVec3, direction: DVec3) -> Option<DVec3> {
         self.hit_side(from, direction, false)
     }
 
-    /// As [`Self::hit`], on the side that the viewer does not see if `is_behind`: what projectors
-    /// behind a screen light.
+    /// Returns the point like [`Self::hit`], on the side that the viewer does not see if
+    /// `is_behind`: the side that projectors behind a screen light.
     pub fn hit_side(&self, from: DVec3, direction: DVec3, is_behind: bool) -> Option<DVec3> {
         match self {
             Self::Plane(plane) => plane.hit(from, direction, is_behind),

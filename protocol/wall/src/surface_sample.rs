@@ -22,7 +22,7 @@ pub struct SurfaceSample {
     pub place: Vec2,
     /// In metres of display space.
     pub point: Vec3,
-    /// Of length 1, on the side from which the picture is upright and not mirrored.
+    /// The normal, of length 1, on the side from which the picture is upright and not mirrored.
     pub normal: Vec3,
 }
 
@@ -98,20 +98,21 @@ fn front_place(place: Vec2, point: DVec3, normal: DVec3) -> Option<SurfaceSample
 }
 
 impl SurfaceSample {
-    /// Whether its numbers are such.
+    /// Returns whether all its numbers are finite.
     pub(super) fn is_valid(&self) -> bool {
         self.place.is_finite() && self.point.is_finite() && self.normal.is_finite()
     }
 
-    /// How far before its tangent plane an eye is, in metres.
+    /// Returns the distance of an eye before its tangent plane, in metres; negative behind it.
     fn distance_m(&self, eye: DVec3) -> f64 {
         self.normal.as_dvec3().dot(eye - self.point.as_dvec3())
     }
 }
 
 impl Wall {
-    /// How far behind what its file says of a channel's surface an eye is, in metres, at worst;
-    /// `None` where it sees the front of nearly all, or where no file says anything.
+    /// Returns the worst distance of an eye that is behind a channel's surface from a file, in
+    /// metres, below 0; `None` if it sees the front of nearly all of it, or if no file gives the
+    /// surface.
     pub(super) fn distance_behind_m(&self, channel: &Channel, eye: DVec3) -> Option<f64> {
         let places = |file: u16| self.files.get(usize::from(file)).map(|file| &file.front[..]);
         if let Some(places) = channel.adjustment.warp.and_then(places)
@@ -171,7 +172,7 @@ mod tests {
         WarpGrid { size, values: (0..size.x * size.y).map(value).collect() }
     }
 
-    /// The same with its cells as triangles.
+    /// Returns the arch with its cells as triangles.
     fn arch_mesh(size: UVec2) -> ImportedMesh {
         let values = arch(size).values;
         let vertex = |(i, value): (u32, &Vec3)| {

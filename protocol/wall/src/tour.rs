@@ -52,12 +52,12 @@ impl TourStop {
         Self { camera, travel_s, stay_s: 0.0, easing: Easing::Smooth }
     }
 
-    /// The same stop with a stay of so many seconds.
+    /// Returns the stop with a stay of so many seconds.
     pub fn with_stay(self, stay_s: f64) -> Self {
         Self { stay_s, ..self }
     }
 
-    /// The same stop, reached in this way.
+    /// Returns the stop with this easing.
     pub fn with_easing(self, easing: Easing) -> Self {
         Self { easing, ..self }
     }
@@ -68,7 +68,7 @@ impl TourStop {
 pub struct Tour {
     /// In order; 1 to [`TOUR_STOPS_MAX`].
     pub stops: Vec<TourStop>,
-    /// Whether it goes on from the last stop to the first one, indefinitely.
+    /// `true` if the tour goes on from the last stop to the first one, indefinitely.
     pub is_loop: bool,
 }
 

@@ -1,4 +1,5 @@
-//! Which triangle a ray meets, or what is in a region or near a point: f64, in a tree of boxes.
+//! Look-ups of triangles that a ray meets, or that are in a region or near a point: f64, in a tree
+//! of boxes.
 //!
 //! Own code, because the crates for it bring another linear algebra with them, and what is needed
 //! is three walks through a tree: I. Wald, *On fast construction of SAH-based bounding volume
@@ -16,8 +17,9 @@ const LEAF_MAX: usize = 4;
 /// two that share an edge.
 pub const EDGE_SHARE: f64 = 1e-9;
 
-/// The same where a ray meets nothing else: cells of a warp that were divided unlike each other
-/// leave cracks, two hundredths of a pixel wide where cells have 64 of them.
+/// Distance beyond its edges at which a triangle is met if the ray meets nothing else, as a share
+/// of them: cells of a warp that were divided unlike each other leave cracks, 0.02 pixels wide
+/// where cells have 64 of them.
 pub const CRACK_SHARE: f64 = 1e-3;
 
 /// A ray nearer to the plane of a triangle than this, as a sine, does not meet it.
@@ -207,8 +209,8 @@ impl TriangleBvh {
 }
 
 impl Node {
-    /// How far from `near` the ray is in this box at least; infinity where it passes by, or is
-    /// in it behind its beginning only.
+    /// Returns the minimum distance from `near` to the ray's part in this box, in lengths of the
+    /// direction; infinity if the ray passes by the box, or meets it only behind its beginning.
     fn gap(&self, from: DVec3, inverse: DVec3, near: f64) -> f64 {
         let (one, two) = ((self.low - from) * inverse, (self.high - from) * inverse);
         let (mut begin, mut end) = (0.0_f64, f64::INFINITY);
@@ -225,8 +227,9 @@ fn around(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
     points.fold(none, |(low, high), point| (low.min(point), high.max(point)))
 }
 
-/// How far along a ray a triangle is, and how far towards its second and third corner: T. Möller,
-/// B. Trumbore, *Fast, minimum storage ray/triangle intersection*, 1997.
+/// Returns the distance along a ray to a triangle, in lengths of the direction, and the barycentric
+/// coordinates towards its second and third corner: T. Möller, B. Trumbore, *Fast, minimum storage
+/// ray/triangle intersection*, 1997.
 pub(super) fn meet(
     edge_share: f64,
     from: DVec3,

@@ -1,4 +1,4 @@
-//! Which point of a triangle is nearest to another point: f64.
+//! The point of a triangle that is nearest to another point; f64.
 
 use glam::DVec3;
 

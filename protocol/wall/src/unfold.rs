@@ -120,7 +120,7 @@ struct Block {
     sight: Sight,
 }
 
-/// On which side of the eye a screen stands.
+/// The side of the eye on which a screen stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Side {
     Around,
@@ -134,8 +134,8 @@ enum Side {
 #[derive(Clone, Copy, Debug)]
 struct Sight {
     side: Side,
-    /// Of its centre, to the right and downwards; of screens around the eye azimuth and
-    /// depression in radians, of those above and below it tangents.
+    /// The place of its centre, to the right and downwards: for screens around the eye azimuth and
+    /// depression in radians, for those above and below it tangents.
     place: DVec2,
     /// Half of its width, in the unit of `place`.
     half_width: f64,
@@ -171,7 +171,7 @@ impl Sight {
     }
 }
 
-/// Where each block's upper left comes to stand.
+/// Returns the place of each block's upper left corner, in pixels.
 fn arrange(blocks: &[Block]) -> Vec<I64Vec2> {
     let mut origins = vec![I64Vec2::ZERO; blocks.len()];
     let on = |side: Side| (0..blocks.len()).filter(move |&i| blocks[i].sight.side == side);

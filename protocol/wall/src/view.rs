@@ -23,21 +23,21 @@ use crate::limits::{SHARED_CANVAS_SIDE_MAX, VIEW_PARTS_MAX, VIEWS_MAX};
 
 pub use overlay_mesh::{CanvasRect, PointSpace};
 
-/// Where the depth of parallel rays ends, in metres behind the near plane, until who draws has
-/// fitted it to the scene.
+/// The far end of depth in parallel rays, in metres behind the near plane, until it is fitted to
+/// the scene.
 pub const PARALLEL_DEPTH_M: f64 = 1e6;
 
-/// How far the planes of two screens may be apart to be taken for one, as a share of their size.
+/// Maximum distance between the planes of two screens that count as one, as a share of their size.
 const ONE_PLANE_SHARE: f64 = 1e-6;
 
 /// A camera's picture on a part of the wall.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct View {
-    /// Where display space stands in the world.
+    /// The pose of display space in the world.
     pub camera: Camera,
     /// The part of the wall.
     pub area: Area,
-    /// How the part shows what the camera sees.
+    /// The projection of the camera's view onto the part.
     pub projection: ViewProjection,
     /// The number of the only node of the scene that is shown, with all that hangs from it; all are
     /// if `None`, and nothing once that node is removed. Lights outside of it shine into it.
@@ -48,20 +48,20 @@ pub struct View {
     pub layers: Option<Vec<String>>,
 }
 
-/// How a part of the wall shows what a view's camera sees.
+/// The projection of a camera's view onto a part of the wall.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ViewProjection {
-    /// As a window: what the viewer's eyes see through it.
+    /// A window: the part shows what the viewer's eyes see through it.
     Wall,
-    /// As a camera's picture, whoever looks at it: the camera stands at the origin of display
-    /// space and looks along its −Z through the middle of the part.
+    /// A camera's own picture, independent of the viewer's eyes: the camera stands at the origin of
+    /// display space and looks along its −Z through the middle of the part.
     Perspective {
         /// From the lower to the upper edge of the part, in radians.
         fov_y_rad: f64,
     },
-    /// The same in parallel rays: a plan.
+    /// An orthographic projection.
     Orthographic {
-        /// What the part shows from its lower to its upper edge, in metres of display space.
+        /// The height that the part shows, in metres of display space.
         height_m: f64,
     },
 }
@@ -100,13 +100,13 @@ pub enum ViewError {
     /// The angle or the height of a camera's own picture.
     #[error("{what} of {value} {unit}, where {right} can be")]
     Projection {
-        /// Which number.
+        /// The name of the number.
         what: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
-        /// Of it.
+        /// The unit of `value`.
         unit: &'static str,
-        /// What would be right.
+        /// The accepted range.
         right: &'static str,
     },
     /// The wall has fewer screens.
@@ -115,9 +115,9 @@ pub enum ViewError {
         counted(count, "screen")
     )]
     NoScreen {
-        /// As asked.
+        /// The requested screen.
         screen: u16,
-        /// Of the wall.
+        /// The number of the wall's screens.
         count: usize,
     },
     /// A window that is not on its screen.
@@ -128,7 +128,7 @@ pub enum ViewError {
     Rectangle {
         /// The screen's name.
         screen: String,
-        /// As asked.
+        /// The requested rectangle.
         rect: [u32; 4],
         /// The screen's.
         canvas: UVec2,
@@ -179,10 +179,10 @@ pub struct ViewRect {
 }
 
 impl Wall {
-    /// Whether these views can be shown, from every eye that the wall can be seen from.
+    /// Checks that these views can be shown, from every eye that the wall can be seen from.
     ///
     /// # Errors
-    /// The first that cannot, and what would be right.
+    /// The fault of the first that cannot, with the accepted range.
     pub fn check_views(&self, views: &[View]) -> Result<(), ViewError> {
         if views.len() > VIEWS_MAX {
             return Err(ViewError::TooMany(views.len()));
@@ -224,7 +224,7 @@ impl Wall {
         }
     }
 
-    /// Whether it is known which pixels of the screen's canvas its channels show.
+    /// Checks that it is known which pixels of the screen's canvas its channels show.
     fn check_canvas(&self, index: u16) -> Result<(), ViewError> {
         let screen = &self.screens[usize::from(index)];
         if !matches!(screen.surface, Surface::Mesh(_)) {
@@ -240,17 +240,17 @@ impl Wall {
         })
     }
 
-    /// Whether a channel's pixels are not those of its screen's canvas, one to one, so that views
-    /// are resampled for it ([`crate::wall_geometry::ResolvedWall::overlay_mesh`]).
+    /// Returns whether a channel's pixels are not those of its screen's canvas, one to one, so that
+    /// views are resampled for it ([`crate::wall_geometry::ResolvedWall::overlay_mesh`]).
     pub fn is_warped(&self, channel: &Channel) -> bool {
         channel.is_warped() || self.screen_of(channel).plane().is_none()
     }
 
-    /// What a channel shows of a frame's views: rectangles that do not lie over each other, those
-    /// of later views where several are.
+    /// Returns the parts of a frame's views that a channel shows: disjoint rectangles; where views
+    /// overlap, those of the later one.
     ///
     /// # Errors
-    /// [`ViewError::Parts`] where there would be too many.
+    /// [`ViewError::Parts`] if there would be too many.
     pub fn view_rects(&self, id: ChannelId, views: &[View]) -> Result<Vec<ViewRect>, ViewError> {
         let Some(channel) = self.channel(id) else { return Ok(Vec::new()) };
         let rects: Vec<_> = views.iter().map(|view| channel.covered_by(&view.area)).collect();
@@ -271,11 +271,11 @@ impl Wall {
         Ok(parts)
     }
 
-    /// What a channel draws a view with. A camera's own picture is seen from the origin of
-    /// display space, whoever looks at it.
+    /// Returns the frustum with which a channel draws a view. A camera's own picture is drawn from
+    /// the origin of display space, whatever the viewer's eye.
     ///
     /// # Errors
-    /// As of [`Wall::frustum`] for an eye, and of [`Wall::check_views`] for a camera's own picture.
+    /// Those of [`Wall::frustum`] for an eye, and of [`Wall::check_views`] for a camera's picture.
     pub fn view_frustum(
         &self,
         id: ChannelId,
@@ -316,7 +316,7 @@ impl Wall {
         self.canvas_rect_of(self.screen_of(channel), area)
     }
 
-    /// As [`Wall::canvas_rect`], of a screen.
+    /// Returns [`Wall::canvas_rect`] for a screen.
     pub(crate) fn canvas_rect_of(
         &self,
         screen: &Screen,
@@ -344,7 +344,7 @@ impl Wall {
         Ok(CanvasRect { begin, end })
     }
 
-    /// Where the window of an area lies in a channel's pixels. It was checked.
+    /// Returns the rectangle of an area's window in a channel's pixels. The area was checked.
     fn window(&self, channel: &Channel, area: &Area) -> Result<OverlayRect, ViewError> {
         let part = self.canvas_rect(channel, area)?;
         let (at, size) = (part.begin - channel.origin.as_dvec2(), part.end - part.begin);
@@ -458,7 +458,7 @@ impl Channel {
     }
 }
 
-/// What is left of a rectangle beside another: above, below, left and right of it.
+/// Returns the parts of a rectangle beside another one: above, below, left and right of it.
 fn without(rect: [u32; 4], over: [u32; 4]) -> Vec<[u32; 4]> {
     let ends = |[x, y, width, height]: [u32; 4]| [x, y, x + width, y + height];
     let ([x0, y0, x1, y1], [ox0, oy0, ox1, oy1]) = (ends(rect), ends(over));

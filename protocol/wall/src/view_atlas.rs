@@ -1,5 +1,5 @@
-//! What a channel with a warp is drawn from: planar pictures that together hold all that its
-//! pixels see from an eye, as dense as its densest pixels; pure f64.
+//! The source of a channel with a warp: planar pictures that together hold all that its pixels see
+//! from an eye, as dense as its densest pixels; pure f64.
 //!
 //! A picture looks along the middle of its rays, with its rows along the channel's. Where one
 //! would span more than 110°, the channel is divided, at most into six; where that is not enough,
@@ -57,7 +57,7 @@ pub enum AtlasError {
     EyeOnSurface {
         /// In metres of display space.
         eye: DVec3,
-        /// Of the upright picture.
+        /// The place in the upright picture, in pixels.
         pixel: DVec2,
     },
     /// Some pixels are seen from the front, some from the back.
@@ -68,7 +68,7 @@ pub enum AtlasError {
     EyeBehind {
         /// In metres of display space.
         eye: DVec3,
-        /// Of the upright picture.
+        /// The place in the upright picture, in pixels.
         pixel: DVec2,
     },
     /// One triangle of the mesh spans more than any plane may.
@@ -96,7 +96,7 @@ impl AtlasView {
         self.clip_from_view * DMat4::from_mat3(self.view_from_display)
     }
 
-    /// Where a vector from the eye falls, in pixels of the atlas; `None` behind the eye.
+    /// Returns the place of a vector from the eye, in pixels of the atlas; `None` behind the eye.
     pub fn texel(&self, ray: DVec3) -> Option<DVec2> {
         let clip = self.clip_from_eye() * ray.extend(1.0);
         let [x, y, width, height] = self.rect.map(f64::from);
@@ -107,7 +107,7 @@ impl AtlasView {
     }
 }
 
-/// What one channel is drawn from, for the eyes that it shows.
+/// The source that one channel is drawn from, for the eyes that it shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewAtlas {
     /// For each eye, its planes; the first one that holds a point shows it, unless `triangles`
@@ -116,17 +116,17 @@ pub struct ViewAtlas {
     /// The triangles of the mesh that each plane shows, of all eyes alike; empty without
     /// omnidirectional stereo.
     pub triangles: Vec<Vec<u32>>,
-    /// By how many pixels points on the screen or behind it are off at most, for each eye, since
-    /// planes have one eye each; 0 without omnidirectional stereo.
+    /// Maximum error of points on the screen or behind it, for each eye, in pixels, since planes
+    /// have one eye each; 0 without omnidirectional stereo.
     pub stereo_error_px: f64,
-    /// Of the target that holds them all, in pixels.
+    /// The size of the target that holds them all, in pixels.
     pub size: UVec2,
-    /// Source pixels per pixel of the channel where and in which direction they are fewest; 1 or
-    /// more, unless something was cut.
+    /// Minimum number of source pixels per pixel of the channel, over all places and directions; 1
+    /// or more, unless something was cut.
     pub density_min: f64,
-    /// As `density_min`, where they are most.
+    /// Maximum number of source pixels per pixel of the channel, over all places and directions.
     pub density_max: f64,
-    /// What is left of the sides that were wanted, of the plane that was cut most; 1 where the
+    /// The fraction that is left of the wanted sides of the plane that was cut most; 1 if the
     /// adapter's textures sufficed.
     pub cut: f64,
     /// Samples that a pixel takes of the source, across and down.

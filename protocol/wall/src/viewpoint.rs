@@ -40,10 +40,10 @@ pub enum StereoMode {
     Omnidirectional,
 }
 
-/// How the pictures of stereo channels are made.
+/// The rule for the pictures of stereo channels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StereoRule {
-    /// Where the eyes are.
+    /// The positions of the eyes.
     pub mode: StereoMode,
     /// With omnidirectional stereo: by how many pixels a point may be off for each eye, on the
     /// screen or anywhere behind it, since eyes stand still within each part of the picture.
@@ -80,7 +80,7 @@ pub struct Around {
     pub head: DVec3,
     /// From there to the right, in metres: negative for a left eye.
     pub offset_m: f64,
-    /// As [`StereoRule::error_max_px`].
+    /// The maximum error in pixels; see [`StereoRule::error_max_px`].
     pub error_max_px: f64,
 }
 
@@ -146,13 +146,13 @@ impl Wall {
         self.stereo.mode == StereoMode::Omnidirectional && is_for_one
     }
 
-    /// Where the eyes of a channel are, of the head at rest.
+    /// Returns the viewpoints of a channel's eyes, for the head at rest.
     pub fn viewpoints(&self, channel: &Channel) -> Vec<Viewpoint> {
         let head = self.head();
         channel.eyes().iter().map(|eye| self.viewpoint(&head, *eye)).collect()
     }
 
-    /// Where an eye of a head is for the points of this wall's screens.
+    /// Returns the viewpoint of an eye of a head, for the points of this wall's screens.
     pub fn viewpoint(&self, head: &HeadPose, of: Eye) -> Viewpoint {
         let side = match of {
             Eye::Center => 0.0,

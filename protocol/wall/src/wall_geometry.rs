@@ -1,4 +1,4 @@
-//! What the files of a wall make of its screens and channels, ready to be asked for places.
+//! The geometry of a wall's screens and channels from its files, ready for look-ups of places.
 //!
 //! ```text
 //! mesh of a screen      canvas <-> display space      both ways, and where a ray meets it
@@ -23,7 +23,7 @@ use super::warp::{WarpGeometry, WarpMap};
 use super::warp_mesh::WarpMesh;
 use super::{Channel, ChannelCalibration, Screen, Surface, Wall};
 
-/// The shapes of a wall; none at all of one that has no files, or whose files nobody has read.
+/// The file geometry of a wall; empty if the wall has no files, or if its files were not read.
 #[derive(Clone, Debug, Default)]
 pub struct WallGeometry {
     eye: DVec3,
@@ -33,24 +33,24 @@ pub struct WallGeometry {
     channels: BTreeMap<String, ChannelGeometry>,
 }
 
-/// Where the pixels of a channel lie that a file places.
+/// The geometry of a channel whose pixels a file places.
 #[derive(Clone, Debug)]
 struct ChannelGeometry {
     facets: Arc<MeshBvh>,
     outline: Arc<LitArea>,
-    /// Whether the file says how light its corners are, too.
+    /// `true` if the file also gives the light of its corners.
     has_light: bool,
 }
 
 static NONE: WallGeometry =
     WallGeometry { eye: DVec3::ZERO, screens: BTreeMap::new(), channels: BTreeMap::new() };
 
-/// A wall with its shapes. Of a wall alone: as if nobody had its files.
+/// A wall with its file geometry. `From<&Wall>` gives empty geometry.
 #[derive(Clone, Copy, Debug)]
 pub struct ResolvedWall<'a> {
     /// The wall.
     pub wall: &'a Wall,
-    /// What its files make of it.
+    /// The geometry from its files.
     pub shapes: &'a WallGeometry,
 }
 
@@ -61,7 +61,7 @@ impl<'a> From<&'a Wall> for ResolvedWall<'a> {
 }
 
 impl<'a> ResolvedWall<'a> {
-    /// Where the pixels of a channel lie, as [`Wall::channel_mapping`], with what its files say.
+    /// Returns the mapping of a channel's pixels, like [`Wall::channel_mapping`], with its files.
     pub fn channel_mapping(&self, id: crate::ChannelId) -> Option<ChannelMapping<'a>> {
         let channel = self.wall.channel(id)?;
         ChannelMapping::with_geometry(
@@ -150,14 +150,15 @@ impl WallGeometry {
         Some((shape.facets.as_ref(), self.eye))
     }
 
-    /// What of a channel's picture its warp lights.
+    /// Returns the part of a channel's picture that its warp lights.
     pub(super) fn lit_area_of(&self, channel: &Channel) -> Option<&LitArea> {
         self.channels.get(&channel.name).map(|shape| shape.outline.as_ref())
     }
 
-    /// Whether a channel's own files share its light with others, so that nothing is computed: as
-    /// the wall file says, or by an alpha mask or the light of a mesh's corners, where its pixels
-    /// lie where a file says. Widths of ramps in the wall file say otherwise.
+    /// Returns whether a channel's own files share its light with others, so that nothing is
+    /// computed: if the wall file says so, or if a file places its pixels and there is an alpha
+    /// mask or the light of a mesh's corners. The latter does not hold if the wall file has widths
+    /// of ramps.
     pub fn is_blended_by_file(&self, channel: &Channel) -> bool {
         let adjustment = &channel.adjustment;
         let has_light = self.channels.get(&channel.name).is_some_and(|shape| shape.has_light);
@@ -191,7 +192,7 @@ impl ScreenGeometry<'_> {
         self.hit_side(from, direction, false)
     }
 
-    /// As [`Self::hit`], on the side that the viewer does not see if `is_behind`.
+    /// Returns the hit like [`Self::hit`], on the side that the viewer does not see if `is_behind`.
     pub fn hit_side(
         &self,
         from: DVec3,
@@ -220,7 +221,8 @@ impl ScreenGeometry<'_> {
         Some(hit.point)
     }
 
-    /// Whether a projector stands behind the screen, so that the viewer sees its light through it.
+    /// Returns whether a projector stands behind the screen, so that the viewer sees its light
+    /// through it.
     pub fn is_rear(&self, projector: &Projector) -> bool {
         projector.is_rear(|direction| {
             let distance = |is_behind| {
@@ -238,7 +240,8 @@ impl ScreenGeometry<'_> {
         })
     }
 
-    /// Where on the canvas an eye sees a point: of a mesh, on the layer that is nearest to it.
+    /// Returns the place on the canvas where an eye sees a point: of a mesh, on the layer nearest
+    /// to the point.
     pub fn canvas_through(&self, eye: DVec3, point: DVec3) -> Option<DVec2> {
         match self.facets {
             Some(facets) => facets.hit(eye, point - eye, 1.0).map(|hit| self.canvas(hit)),
@@ -246,7 +249,8 @@ impl ScreenGeometry<'_> {
         }
     }
 
-    /// Whether it has points, and may hide some of them from where it is seen.
+    /// Returns whether it is a mesh with known points; such a mesh may hide some of them from an
+    /// eye.
     pub fn is_mesh(&self) -> bool {
         self.facets.is_some()
     }

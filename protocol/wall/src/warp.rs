@@ -33,7 +33,7 @@ pub const MAP_VERTICES_MAX: u32 = 1 << 21;
 /// Most triangles of a mesh: a closed grid has two for each vertex.
 pub const MAP_TRIANGLES_MAX: u32 = 1 << 22;
 
-/// How far beyond the channel's picture a vertex may lie, in pictures: meshes of measured walls
+/// Maximum distance of a vertex from the channel's picture, in pictures: meshes of measured walls
 /// begin a little outside.
 pub const PLACE_REACH_MAX: f32 = 16.0;
 
@@ -44,13 +44,13 @@ const HEAD_BYTES: usize = 16;
 /// A decoded file of a wall.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CalibrationMap {
-    /// Where each place of a picture lies.
+    /// The point for each place of a picture.
     Warp(WarpMap),
-    /// How much light each pixel of a channel gets, or has anyway.
+    /// The factor or the minimum of the light of each pixel of a channel.
     Mask(Mask),
 }
 
-/// What the values of a map are.
+/// The coordinates of a map's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MapCoordinates {
     /// (u, v, 0) on the screen's canvas: (0, 0) its upper left corner, (1, 1) its lower right.
@@ -63,13 +63,13 @@ pub enum MapCoordinates {
 /// For places of a picture, the points that they show.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WarpMap {
-    /// What the values are.
+    /// The coordinates of the values.
     pub space: MapCoordinates,
-    /// Where there are values.
+    /// The values and their places.
     pub shape: WarpGeometry,
 }
 
-/// Where a map has values.
+/// The places of a map's values.
 #[derive(Clone, Debug, PartialEq)]
 pub enum WarpGeometry {
     /// At pixel centres.
@@ -102,7 +102,7 @@ pub struct ImportedVertex {
     /// In the channel's picture (a screen mesh: on the screen's canvas): (0, 0) the upper left
     /// corner, (1, 1) the lower right.
     pub place: Vec2,
-    /// What it shows, in the map's space.
+    /// The point that it shows, in the map's space.
     pub value: Vec3,
     /// Factor of linear light, 0 to 1.
     pub light: f32,
@@ -197,8 +197,8 @@ impl CalibrationMap {
         map.fault().map_or(Ok(map), Err)
     }
 
-    /// What is wrong with it, if anything: a size beyond the limits, a number that is none, an
-    /// index that points nowhere.
+    /// Returns the fault of the map, if any: a size beyond the limits, an invalid number, an index
+    /// that points nowhere.
     pub fn fault(&self) -> Option<String> {
         match self {
             Self::Warp(warp) => warp.fault(),
@@ -246,7 +246,7 @@ fn decode_mesh(body: &[u8], vertex_bytes: usize) -> ImportedMesh {
     }
 }
 
-/// As many little-endian floats as the array has; the bytes are four times as many.
+/// Reads as many little-endian floats as the array has; `bytes` has four times as many bytes.
 fn floats<const N: usize>(bytes: &[u8]) -> [f32; N] {
     std::array::from_fn(|i| {
         let four = &bytes[i * 4..i * 4 + 4];
@@ -254,7 +254,7 @@ fn floats<const N: usize>(bytes: &[u8]) -> [f32; N] {
     })
 }
 
-/// Whether pictures of this size can be.
+/// Returns the fault of a picture's size or of its number of values, if any.
 fn size_fault(size: UVec2, len: usize, components: usize) -> Option<String> {
     let is_sound = size.min_element() > 0 && size.max_element() <= CHANNEL_SIDE_MAX;
     let due = size.x as usize * size.y as usize * components;

@@ -15,7 +15,7 @@ use glam::{DVec2, DVec3, UVec2};
 /// [`TessellationOptions::default`]; what is so rough that it wants more is given a larger error.
 pub const WARP_VERTICES_MAX: usize = 4 << 20;
 
-/// Where a channel's pixels lie. In each triangle, the place is linear in the pixel.
+/// The positions of a channel's pixels. In each triangle, the point is linear in the pixel.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WarpMesh {
     /// Its points.
@@ -27,13 +27,13 @@ pub struct WarpMesh {
 /// A point of a [`WarpMesh`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WarpVertex {
-    /// Of the upright picture, from the upper left corner of its upper left pixel, y down.
+    /// The place in the upright picture, in pixels from its upper left corner, y down.
     pub pixel: DVec2,
     /// In metres of display space.
     pub point: DVec3,
 }
 
-/// How fine a mesh is.
+/// The fineness of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TessellationOptions {
     /// Sides of the largest cells, in pixels.
@@ -115,7 +115,7 @@ impl WarpMesh {
 }
 
 impl<F: FnMut(DVec2) -> Option<DVec3>> Tessellator<F> {
-    /// Whether the mesh had room.
+    /// Fills the mesh; returns whether it had room.
     fn fill(&mut self, size: UVec2, step: u32, vertices_max: usize) -> bool {
         for y in (0..size.y).step_by(step as usize) {
             for x in (0..size.x).step_by(step as usize) {
@@ -214,9 +214,10 @@ impl<F: FnMut(DVec2) -> Option<DVec3>> Tessellator<F> {
     }
 }
 
-/// How far the middles of a cell's sides across, of those down, and of its diagonal are from lines
-/// between its corners, in pixels as they lie there. A smooth place is off by no more anywhere: of
-/// a right triangle's linear interpolation, the middle of the longest side is off most.
+/// Returns the distances of the middles of a cell's sides across, of those down, and of its
+/// diagonal from lines between its corners, in pixels as they lie there. A smooth mapping is off by
+/// no more anywhere: linear interpolation in a right triangle is off most at the middle of its
+/// longest side.
 fn errors_px(points: &[Option<DVec3>; 9], span: DVec2) -> [f64; 3] {
     let at = |slot: usize| points[slot].unwrap_or(DVec3::NAN);
     let across = at(0).distance(at(2)).min(at(6).distance(at(8))) / span.x;

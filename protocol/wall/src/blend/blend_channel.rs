@@ -26,7 +26,7 @@ pub(crate) struct Spot {
     point: Option<DVec3>,
 }
 
-/// How evenly the places of a lamp's pixels follow each other.
+/// The smoothness of the mapping of a channel's pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Smoothness {
     /// Kinks at the edges of a mesh's triangles.
@@ -43,19 +43,19 @@ pub(crate) struct BlendChannel<'a> {
     pub channel: &'a Channel,
     map: Option<ChannelMapping<'a>>,
     pub size: DVec2,
-    /// What of its picture is lit, where a file may leave some of it dark.
+    /// The lit area of its picture, if a file may leave some of it dark.
     pub outline: Option<&'a LitArea>,
-    /// What it shows of black, in light of the wall. A display with the colours C, of which b
-    /// leaks, shows C⁻¹·(b + (1 − b)·light): C is what makes its light that of the others.
+    /// Its black level, in light of the wall. A display with the colours C and the black level b
+    /// shows C⁻¹·(b + (1 − b)·light): C makes its light that of the others.
     pub leak: DVec3,
-    /// Whether its own files share its light with others.
+    /// `true` if its own files share its light with others.
     is_blended_by_file: bool,
     /// A ball around all that it lights, in metres of display space; `None` for none, or where
     /// no one knows.
     reach: Option<(DVec3, f64)>,
     /// Those that may light what it lights.
     pub neighbours: Vec<ChannelId>,
-    /// How wide its ramps are; found when somebody asks.
+    /// The widths of its ramps; computed on first use.
     pub widths: OnceLock<[Option<f64>; 4]>,
 }
 
@@ -85,14 +85,14 @@ impl<'a> BlendChannel<'a> {
         BlendWeight { weight: 1.0, black: self.leak }
     }
 
-    /// Whether the other one is on the same screen, and seen together with this one by some eye.
+    /// Returns whether the other channel is on the same screen, and some eye sees both.
     pub fn shares_screen(&self, other: &Self) -> bool {
         let (own, others) = (self.eye(), other.eye());
         let is_seen = own == others || own == Eye::Center || others == Eye::Center;
         is_seen && self.channel.screen == other.channel.screen
     }
 
-    /// Whose eye it is for.
+    /// Returns the eye that it is for.
     pub fn eye(&self) -> Eye {
         match self.channel.adjustment {
             ChannelCalibration { packing: StereoPacking::None, eye, .. } => eye,
@@ -100,7 +100,7 @@ impl<'a> BlendChannel<'a> {
         }
     }
 
-    /// Whether both may light one place. Certain where both are tiles without a correction of
+    /// Returns whether both may light one place. Exact if both are tiles without a correction of
     /// their form.
     pub fn may_overlap(&self, other: &Self) -> bool {
         let lights = |lamp: &Self| lamp.map.is_some() && !lamp.is_blended_by_file;
@@ -117,25 +117,25 @@ impl<'a> BlendChannel<'a> {
         }
     }
 
-    /// Whether its pixels are the canvas's, from its origin.
+    /// Returns whether its pixels are the canvas's, from its origin.
     pub fn is_plain_tile(&self) -> bool {
         let adjustment = &self.channel.adjustment;
         let is_formed = adjustment.pin != [DVec2::ZERO; 4] || adjustment.bend.is_some();
         self.channel.cover == ChannelKind::Tile && !is_formed
     }
 
-    /// Whether anyone knows where its pixels lie.
+    /// Returns whether the places of its pixels are known.
     pub fn is_known(&self) -> bool {
         self.map.is_some()
     }
 
-    /// Where on the canvas a place of the picture lies.
+    /// Returns the place on the canvas of a place of the picture.
     pub fn canvas(&self, pixel: DVec2) -> Option<DVec2> {
         self.map.as_ref()?.canvas_from_pixel(pixel)
     }
 
-    /// Where on the canvas a place lies that is as far from an edge as a walk along edges says:
-    /// where a file places the picture, before pins and bends.
+    /// Returns the place on the canvas of a place that a walk along the edges gives: if a file
+    /// places the picture, that place is before pins and bends.
     pub fn canvas_from_edge(&self, place: DVec2) -> Option<DVec2> {
         match (&self.map, self.outline) {
             (Some(map), Some(_)) => self.canvas(map.pixel_from_ideal(place)?),
@@ -175,7 +175,7 @@ impl<'a> BlendChannel<'a> {
         Some((projector.rotation.inverse() * (spot.point? - projector.position)).dot(DVec3::NEG_Z))
     }
 
-    /// How evenly its places follow each other.
+    /// Returns the smoothness of its mapping.
     pub fn smoothness(&self) -> Smoothness {
         match &self.map {
             Some(map) if map.is_faceted() => Smoothness::Faceted,
@@ -184,12 +184,12 @@ impl<'a> BlendChannel<'a> {
         }
     }
 
-    /// Whether a place lies in its picture.
+    /// Returns whether a place lies in its picture.
     pub fn contains(&self, pixel: DVec2) -> bool {
         pixel.cmpge(DVec2::ZERO).all() && pixel.cmple(self.size).all()
     }
 
-    /// Whether nothing of a curved screen stands between it and a place.
+    /// Returns whether nothing of a curved screen stands between its projector and a place.
     fn faces(&self, point: Option<DVec3>) -> bool {
         let (ChannelKind::Projector(projector), Some(map)) = (&self.channel.cover, &self.map)
         else {
@@ -223,7 +223,7 @@ impl<'a> BlendChannel<'a> {
         (!lit.is_empty()).then_some((middle, radius * (1.0 + 4.0 / f64::from(REACH_STEPS))))
     }
 
-    /// How far a place of its picture is from its edges, as a step from 0 to 1.
+    /// Returns the product of the ramps from its edges at a place of its picture, from 0 to 1.
     pub fn ramp(&self, pixel: DVec2, widths: [Option<f64>; 4]) -> f64 {
         let edges = self.distances(pixel).into_iter().zip(widths);
         edges.map(|(distance, width)| ramp(distance, width)).product()
@@ -245,7 +245,8 @@ impl<'a> BlendChannel<'a> {
     }
 }
 
-/// What a channel shows of black, in light of the wall; of colours that nothing undoes, as it is.
+/// Returns a channel's black level in light of the wall; as it is if its colours cannot be
+/// inverted.
 fn leak(channel: &Channel, own: DVec3) -> DVec3 {
     if own == DVec3::ZERO {
         return own;

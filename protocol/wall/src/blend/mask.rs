@@ -2,7 +2,7 @@
 
 use glam::UVec2;
 
-/// What a mask says of each pixel, in linear light: 65,535 is all of it.
+/// The values of a mask for each pixel, in linear light: 65,535 is all of it.
 #[derive(Clone, Copy, Debug)]
 pub struct MaskTexels<'a> {
     size: UVec2,

@@ -1,4 +1,4 @@
-//! Where the pictures of channels lie over each other, found by walks along their edges.
+//! Overlaps of channels' pictures, found by walks along their edges.
 //!
 //! A region that several channels light is bounded by edges of some of them, so that places just
 //! inside of all edges see every region that is no smaller than a step of the walk; steps shrink
@@ -10,8 +10,8 @@ use super::super::lit_area::Edge;
 use super::BlendChannel;
 use crate::{ChannelId, Eye};
 
-/// How far inside and outside of an edge one looks, in pixels: less than half a pixel, so that an
-/// overlap of one is seen.
+/// Distance inside and outside of an edge at which overlaps are looked for, in pixels: less than
+/// half a pixel, so that an overlap of one is found.
 const BESIDE: f64 = 0.25;
 
 /// Steps along an edge, away from the corners.
@@ -92,7 +92,7 @@ impl EdgeSegment {
     }
 }
 
-/// How wide a channel's ramps are: as the wall says, or else as wide as the overlap.
+/// Returns the widths of a channel's ramps: those of the wall, or else those of the overlap.
 pub(super) fn ramp_widths(lamp: &BlendChannel<'_>, lamps: &[BlendChannel<'_>]) -> [Option<f64>; 4] {
     let said = &lamp.channel.adjustment.edges;
     let said = [said.left, said.right, said.top, said.bottom];
@@ -178,8 +178,8 @@ pub(super) fn overlap_max(
     most
 }
 
-/// What neighbours that one eye sees together have where they light a place: for the eye that sees
-/// more.
+/// Returns the sum of a value over the neighbours that light a place and that one eye sees
+/// together; for a channel of both eyes, the larger sum of the two.
 fn lit_by(
     lamp: &BlendChannel<'_>,
     lamps: &[BlendChannel<'_>],

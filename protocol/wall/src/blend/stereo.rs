@@ -1,4 +1,4 @@
-//! Who shares the light of a place where channels of one eye meet channels of both.
+//! Weights of channels at places where channels of one eye meet channels of both.
 //!
 //! Each eye must see weights that add up to 1, and what is for both eyes is seen by each with one
 //! weight. So the channels of both are given theirs first, as much as the eye that needs it more
@@ -11,9 +11,9 @@
 //! own    w_e · (1 − W) / (1 − W_e)
 //! ```
 //!
-//! Where both groups are alike, this is the same as w_e; where only the channels of both reach,
-//! they have all of the light. Black is raised alike: the channels of both add what the eye needs
-//! less that sees more of it, and the other eye's own ones add the rest.
+//! If both groups are alike, the weight is w_e; where only the channels of both reach, they have
+//! all of the light. Black is raised alike: the channels of both add what the eye that sees more of
+//! it needs, and the other eye's own channels add the rest.
 
 use glam::DVec3;
 
@@ -24,21 +24,22 @@ use crate::Eye;
 /// A channel that lights a place.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EyeContribution {
-    /// Who sees it.
+    /// The eye that sees it.
     pub eye: Eye,
-    /// As [`BlendChannel::ramp`] has it; `None` where it lights only another part of the
-    /// pixel that is asked about.
+    /// The ramp, from [`BlendChannel::ramp`]; `None` if it lights only another part of the queried
+    /// pixel.
     pub step: Option<f64>,
-    /// Whether it comes before the channel that is asked about.
+    /// `true` if it comes before the queried channel.
     pub is_before: bool,
-    /// How much of the pixel it lights.
+    /// The part of the pixel that it lights: 0 to 1.
     pub part: f64,
-    /// What it leaks, as [`BlendChannel::leak`] has it.
+    /// Its black level, from [`BlendChannel::leak`].
     pub leak: DVec3,
 }
 
 impl EyeContribution {
-    /// Of a channel that lights all of a pixel and has none before it.
+    /// Returns the contribution of a channel that lights all of a pixel and is not before the
+    /// queried one.
     pub fn full_pixel(lamp: &BlendChannel<'_>, step: f64) -> Self {
         let (eye, leak) = (lamp.eye(), lamp.leak);
         Self { eye, step: Some(step), is_before: false, part: 1.0, leak }
@@ -88,14 +89,14 @@ pub(super) fn blend_weight(
     BlendWeight { weight: group.own * (1.0 - most) / rest, black }
 }
 
-/// What one eye sees at a place.
+/// The weights and the black that one eye sees at a place.
 #[derive(Clone, Copy, Debug)]
 struct Group {
     /// The weight of the channel that is asked about, as if this eye alone were there.
     own: f64,
     /// The weights of the channels of both eyes together.
     both: f64,
-    /// What the channels that it sees leak together.
+    /// The sum of the black levels of the channels that it sees.
     black: DVec3,
 }
 

@@ -11,7 +11,7 @@ use walls::{askew, grid, tiles};
 use super::super::{BlendWidths, Eye, Ramps, Wall};
 use super::*;
 
-/// What the sum of weights may be off by.
+/// Maximum error of the sum of weights.
 const SUM_ERROR_MAX: f64 = 1.0 / 4096.0;
 
 /// The light maps of all channels; what has none, has weight 1.
@@ -173,7 +173,8 @@ fn eyes_share_nothing_with_each_other() {
     assert_eq!(BlendModel::new(&wall).overlap_max(), 2);
 }
 
-/// What a display shows at a pixel where the wall should show this light, in light of the wall.
+/// Returns what a display shows at a pixel where the wall should show this light, in light of the
+/// wall.
 fn shown(wall: &Wall, id: ChannelId, at: (f64, [DVec3; 2]), color: &ColorCorrection) -> DVec3 {
     let (light, [factor, addend]) = at;
     let channel = wall.channel(id).expect("a channel");

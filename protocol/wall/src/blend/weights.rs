@@ -26,10 +26,10 @@ const BENT_CELL: u32 = 16;
 /// Pixels of the smallest cells: places between their corners are linear, or exact.
 const BLOCK: u32 = 8;
 
-/// How far an interpolated place may be from the exact one in a large cell, in pixels.
+/// Maximum error of an interpolated place in a large cell, in pixels.
 const SMOOTH_ERROR_MAX: f64 = 3e-5;
 
-/// How far an interpolated place may be from the exact one in a block, in pixels.
+/// Maximum error of an interpolated place in a block, in pixels.
 const PLACE_ERROR_MAX: f64 = 1e-3;
 
 /// Beyond this many pixels beside a picture, nothing of a block is in it.
@@ -55,7 +55,7 @@ struct Raster<'l, 'w> {
     widths: [Option<f64>; 4],
     others: Vec<Neighbour<'l, 'w>>,
     exponent: f64,
-    /// Whether places have kinks, so that they are interpolated in blocks only.
+    /// `true` if places have kinks, so that they are interpolated in blocks only.
     is_faceted: bool,
     /// Pixels of the largest cells whose places may be interpolated with curves.
     largest: u32,
@@ -234,7 +234,8 @@ fn is_behind(lamp: &BlendChannel<'_>, spots: &[Option<Spot>]) -> bool {
     high < low - high
 }
 
-/// Whether a block that is seen there has no place in the picture: all of it lies beyond one side.
+/// Returns whether a block seen at these places has no place in the picture: all of it lies beyond
+/// one side.
 fn seen_beside(
     lamp: &BlendChannel<'_>,
     corners: [Option<DVec2>; 4],
@@ -273,7 +274,7 @@ impl Cell {
         self.begin.as_dvec2() + self.size() * DVec2::new(x, y)
     }
 
-    /// Where its parts of this side begin.
+    /// Returns the upper left pixels of its parts with this side.
     fn parts(&self, side: u32) -> impl Iterator<Item = UVec2> + use<> {
         let (begin, end) = (self.begin, self.end);
         let across =

@@ -1,4 +1,4 @@
-//! Tunings of a wall whose file was edited: what of them is still valid.
+//! Tunings of a wall whose file was edited, and the part of them that is still valid.
 //!
 //! Each key of a channel is merged from three values: the old file's, the tuned one and the new
 //! file's. A tuned key stays unless the new file sets that key otherwise, or what it was measured
@@ -7,7 +7,7 @@
 use super::{differs_only_by_calibration, reapply};
 use crate::{Channel, ChannelCalibration, Wall};
 
-/// What became of the tunings of a wall.
+/// The outcome for the tunings of a wall.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CarriedOver {
     /// The tunings that are valid on the new wall, by channel; [`reapply`] accepts them.

@@ -198,7 +198,7 @@ fn random_wall() -> impl Strategy<Value = (Wall, DVec3)> {
     )
 }
 
-/// As many cases, and no files beside the sources.
+/// Returns a configuration with 1,000 cases that writes no files beside the sources.
 fn thousand() -> ProptestConfig {
     ProptestConfig { cases: 1000, failure_persistence: None, ..ProptestConfig::default() }
 }

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::crossings;
 
-/// How far beside a patch rays still meet its surface, as a share of its width and height: a grid
-/// of pixels needs points beyond the edge to end at it.
+/// Maximum distance beside a patch at which rays still meet its surface, as a share of its width
+/// and height: a grid of pixels needs points beyond the edge to end at it.
 const BESIDE_MAX: f64 = 0.05;
 
 /// A patch of a cylinder. Its own axes: y along the cylinder, azimuth 0 at −Z, growing to +X, so
@@ -88,8 +88,8 @@ pub(super) fn is_sweep(left: f64, right: f64) -> bool {
     sweep > 0.0 && sweep <= std::f64::consts::TAU * (1.0 + 1e-12)
 }
 
-/// Where an angle lies from `left`, 0, to `right`, 1: of all turns, the one that is nearest to the
-/// middle.
+/// Returns the place of an angle between `left`, 0, and `right`, 1: of all turns, the one nearest
+/// to the middle.
 pub(super) fn place_of_angle(angle: f64, left: f64, right: f64) -> f64 {
     let middle = f64::midpoint(left, right);
     let turns = ((middle - angle) / std::f64::consts::TAU).round();

@@ -1,4 +1,4 @@
-//! How far an eye stands before a surface.
+//! The distance of an eye from a surface.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -8,9 +8,9 @@ use super::cylinder::place_of_angle;
 use super::{Cylinder, Plane, Sphere, Surface};
 
 impl Surface {
-    /// How far an eye stands before all of the surface, in metres: the least distance from its
-    /// tangent planes, negative where some of it shows its back. `None` for a mesh, whose file
-    /// has it, and for a rectangle that is none.
+    /// Returns the distance of an eye before all of the surface, in metres: the minimum distance
+    /// from its tangent planes, negative if some of it shows its back. `None` for a mesh, whose
+    /// file has it, and for a degenerate rectangle.
     pub fn distance_m(&self, eye: DVec3) -> Option<f64> {
         match self {
             Self::Plane(plane) => plane.distance_m(eye),
@@ -44,8 +44,8 @@ impl Cylinder {
 }
 
 impl Sphere {
-    /// As of a cylinder, with a second angle: where the azimuth is the best one, the eye's part
-    /// along the outward direction is A·cos(elevation) + B·sin(elevation).
+    /// Returns the distance as for a cylinder, with a second angle: at the best azimuth, the eye's
+    /// part along the outward direction is A·cos(elevation) + B·sin(elevation).
     fn distance_m(&self, eye: DVec3) -> f64 {
         let own = self.rotation.inverse() * (eye - self.center);
         let is_inside = self.azimuth_rad[0] < self.azimuth_rad[1];

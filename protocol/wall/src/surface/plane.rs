@@ -6,11 +6,11 @@ use serde::{Deserialize, Serialize};
 /// A planar rectangle in display space, in metres.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plane {
-    /// As the viewer sees it.
+    /// The lower left corner as the viewer sees it.
     pub lower_left: DVec3,
-    /// As the viewer sees it.
+    /// The lower right corner as the viewer sees it.
     pub lower_right: DVec3,
-    /// As the viewer sees it.
+    /// The upper left corner as the viewer sees it.
     pub upper_left: DVec3,
 }
 

@@ -44,7 +44,7 @@ pub(super) fn separate(wall: &Wall, channels: &[usize]) -> Vec<Area> {
     areas
 }
 
-/// The same areas, their distances stretched by as little as makes them disjoint.
+/// Returns the areas with their distances stretched by as little as makes them disjoint.
 fn stretched(areas: &[Area]) -> Vec<Area> {
     let center = |area: &Area| (area.origin + area.end()).as_dvec2() / 2.0;
     let mut stretch = DVec2::ONE;

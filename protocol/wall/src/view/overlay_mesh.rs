@@ -1,5 +1,5 @@
-//! Which pixels of a warped channel show a rectangle of its screen's canvas, and what each of them
-//! shows of it: the same mesh as that of the channel's warp, of a part.
+//! The pixels of a warped channel that show a rectangle of its screen's canvas, each with its place
+//! in the rectangle: a part of the mesh of the channel's warp.
 //!
 //! Pixels belong to the rectangle that their middles are in. Where a form says where pixels lie,
 //! the mesh is divided until it is right on the canvas too, so that a dome's pole is right to the
@@ -14,7 +14,7 @@ use crate::warp::{MapCoordinates, WarpGeometry, WarpMap};
 use crate::warp_mesh::{TessellationOptions, WarpMesh, WarpVertex};
 use crate::{Channel, ChannelId, ChannelKind, Surface};
 
-/// What the points of a mesh are.
+/// The space of a mesh's points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PointSpace {
     /// The surface's, in metres of display space.
@@ -33,7 +33,7 @@ pub struct CanvasRect {
     pub end: DVec2,
 }
 
-/// Where a place of a channel's picture lies.
+/// The position of a place of a channel's picture.
 #[derive(Clone, Copy, Debug)]
 struct MappedPoint {
     canvas: DVec2,
@@ -77,7 +77,8 @@ impl ResolvedWall<'_> {
 }
 
 impl Surface {
-    /// How far apart in u a point is from itself, once around; `None` where u never returns.
+    /// Returns the step of u that leads back to the same point, once around; `None` if u never
+    /// returns.
     fn u_of_turn(&self) -> Option<f64> {
         let [left, right] = match self {
             Self::Cylinder(cylinder) => cylinder.azimuth_rad,
@@ -116,11 +117,11 @@ impl CanvasRect {
 #[derive(Clone, Copy, Debug)]
 struct CanvasStrip {
     part: CanvasRect,
-    /// Of all turns around the screen, the one that is nearest to here is meant.
+    /// The x of the strip's middle: of all turns around the screen, the nearest to it is meant.
     middle: f64,
     /// Pixels of the canvas of a whole turn, where there is one.
     around: Option<f64>,
-    /// Where the whole part begins.
+    /// The upper left corner of the whole part.
     origin: DVec2,
     of: PointSpace,
 }
@@ -183,7 +184,7 @@ impl CanvasStrip {
         onto.triangles.extend(mesh.triangles.iter().map(|corners| corners.map(|at| at + first)));
     }
 
-    /// The same place of the canvas, of all turns the nearest.
+    /// Returns the same place of the canvas, in the nearest of all turns.
     fn turned(&self, canvas: DVec2) -> DVec2 {
         let Some(around) = self.around else { return canvas };
         let turns = ((self.middle - canvas.x) / around).round();
@@ -200,7 +201,7 @@ impl CanvasStrip {
         }
     }
 
-    /// What of the triangles lies in the part. Corners whose place is not known leave a hole.
+    /// Returns the part of the triangles inside. Corners whose place is not known leave a hole.
     fn cut(&self, whole: &WarpMesh, canvas_of: impl Fn(&WarpVertex) -> Option<DVec2>) -> WarpMesh {
         let places: Vec<Option<DVec2>> = whole
             .vertices
@@ -244,9 +245,9 @@ struct ClipVertex {
     point: DVec3,
 }
 
-/// What of a convex polygon lies in a rectangle: I. Sutherland, G. Hodgman, *Reentrant Polygon
-/// Clipping*, 1974. Crossings are computed from the corner with the lesser number, so that the
-/// rectangles at both sides of a line get the same ones.
+/// Returns the part of a convex polygon in a rectangle: I. Sutherland, G. Hodgman, *Reentrant
+/// Polygon Clipping*, 1974. Crossings are computed from the corner with the lesser coordinate, so
+/// that the rectangles at both sides of a line get the same ones.
 fn clipped(polygon: Vec<ClipVertex>, part: &CanvasRect) -> Vec<ClipVertex> {
     let edges = [(0, part.begin.x, 1.0), (0, part.end.x, -1.0), (1, part.begin.y, 1.0)]
         .into_iter()
@@ -279,7 +280,7 @@ fn clipped(polygon: Vec<ClipVertex>, part: &CanvasRect) -> Vec<ClipVertex> {
 }
 
 impl Channel {
-    /// Whether its pixels are not those of its screen's canvas, one to one.
+    /// Returns whether its pixels are not those of its screen's canvas, one to one.
     pub(super) fn is_warped(&self) -> bool {
         let adjustment = &self.adjustment;
         self.cover != ChannelKind::Tile

@@ -1,5 +1,5 @@
-//! What a channel is drawn from for eyes of omnidirectional stereo: each part of its mesh has a
-//! planar picture of its own, seen from the middle of the places that the eyes have there.
+//! The source of a channel for eyes of omnidirectional stereo: each part of its mesh has a planar
+//! picture of its own, seen from the middle of the places that the eyes have there.
 //!
 //! A pixel that shows the point P of the screen is to show what lies on the line from its own eye
 //! e through P. Drawn from an eye e', it shows what lies on the line from e' through P: a point on
@@ -50,7 +50,7 @@ struct Sample {
     corners: Vec<Corner>,
 }
 
-/// What a corner of a triangle shows for one viewpoint.
+/// A corner of a triangle as one viewpoint sees it.
 #[derive(Clone, Copy, Debug)]
 struct Corner {
     /// Its own eye, in metres of display space.
@@ -58,7 +58,7 @@ struct Corner {
     /// From it to the corner, by the distance of the eye from the screen's plane there; 0 where
     /// that is seen from the side, and has no picture.
     ray: DVec3,
-    /// Of the screen.
+    /// The normal of the screen.
     normal: DVec3,
     /// The longer side of a pixel there, in metres.
     pixel_m: f64,
@@ -111,7 +111,7 @@ impl WarpMesh {
 /// The parts of a mesh that viewpoints around one head see.
 ///
 /// # Errors
-/// As [`ViewAtlas::new`](super::ViewAtlas::new), of the head.
+/// The errors of [`ViewAtlas::new`](super::ViewAtlas::new), for the head.
 pub(super) fn cells(
     mesh: &WarpMesh,
     viewpoints: &[Viewpoint],

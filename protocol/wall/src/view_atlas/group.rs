@@ -9,8 +9,8 @@ use super::{
     SOURCE_SPAN_MAX, WarpMesh,
 };
 
-/// Of a triangle seen more obliquely than this, the direction along the line of sight is left out
-/// of account: it has as good as no picture.
+/// The obliqueness of a triangle beyond which the direction along the line of sight is ignored: the
+/// triangle has as good as no picture.
 const OBLIQUE_MAX: f64 = 64.0;
 
 /// A plane that takes more than this many pixels for each of its part of the channel is divided:
@@ -248,7 +248,7 @@ impl ViewTriangle {
         self.rays.iter().sum::<DVec3>() / 3.0
     }
 
-    /// The same triangle of an eye at `from`, for an eye at `to`.
+    /// Returns the triangle of an eye at `from`, as seen by an eye at `to`.
     pub fn seen_from(&self, from: DVec3, to: DVec3) -> Self {
         Self { rays: self.rays.map(|ray| ray + (from - to)), ..*self }
     }
@@ -315,7 +315,8 @@ impl Group {
         sides / self.density(sides).map_or(1.0, |density| density.least.min(1.0))
     }
 
-    /// How dense a picture of these sides in pixels is; `None` where nothing of it is seen.
+    /// Returns the density of a picture with these sides in pixels; `None` if nothing of it is
+    /// seen.
     pub fn density(&self, sides: DVec2) -> Option<Density> {
         let scale = sides / (self.high - self.low);
         let mut density = Density { least: f64::INFINITY, most: 0.0, across_down: DVec2::ZERO };

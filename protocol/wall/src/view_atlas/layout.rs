@@ -1,4 +1,4 @@
-//! Where planes stand in their atlas: on shelves, in order.
+//! The places of planes in their atlas: on shelves, in order.
 
 use glam::{DVec2, UVec2};
 
@@ -57,7 +57,7 @@ fn wanted(group: &Group, scale: f64) -> DVec2 {
     (group.sides() * scale).min(DVec2::splat(SIDE_WANTED_MAX))
 }
 
-/// What is left of the sides that a picture wants.
+/// Returns the fraction that is left of the sides that a picture wants.
 fn left(wanted: DVec2, share: f64, side_max: u32, pixels_max: f64) -> f64 {
     let pixels = share * pixels_max / wanted.element_product();
     // Sides are rounded up to whole steps.
@@ -66,7 +66,7 @@ fn left(wanted: DVec2, share: f64, side_max: u32, pixels_max: f64) -> f64 {
     pixels.sqrt().min(of_side).min(1.0)
 }
 
-/// What is left of the sides that were wanted, of the picture that is cut most.
+/// Returns the fraction that is left of the wanted sides of the picture that is cut most.
 pub(super) fn least_left(
     groups: &[Vec<Group>],
     (share, scale): (f64, f64),

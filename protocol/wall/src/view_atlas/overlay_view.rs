@@ -1,8 +1,8 @@
-//! What a warped channel is drawn from where it shows a camera's own picture: the part of that
-//! picture that its pixels show, as dense as its densest pixels.
+//! The source of a warped channel that shows a camera's own picture: the part of that picture that
+//! its pixels show, as dense as its densest pixels.
 //!
-//! Where pixels of the channel are pixels of the picture, as on tiles of a cylinder, the source's
-//! are so too, and nothing is resampled.
+//! If pixels of the channel are pixels of the picture, as on tiles of a cylinder, the source's are
+//! so too, and nothing is resampled.
 
 use glam::{DMat3, DVec2, DVec3, UVec2};
 
@@ -17,10 +17,10 @@ const SCALE_ROUNDING: f64 = 1e-6;
 pub struct OverlayView {
     /// From points of [`PointSpace::Canvas`](crate::view::PointSpace::Canvas) to texels.
     pub plane: AtlasView,
-    /// What `plane` holds, guard included: from its upper left to its lower right, in pixels of
-    /// the canvas from the upper left of the picture.
+    /// The area that `plane` holds, guard included: its upper left and lower right corners, in
+    /// pixels of the canvas from the upper left of the picture.
     pub part: [DVec2; 2],
-    /// Of the source, in pixels.
+    /// The size of the source, in pixels.
     pub size: UVec2,
     /// Samples that a pixel takes of the source, across and down.
     pub taps: UVec2,

@@ -101,7 +101,7 @@ fn wide_surfaces_have_several_planes() {
     assert_eq!(check("nearly a sphere", &most, DVec3::ZERO).planes[0].len(), 6);
 }
 
-/// What a projector in a sphere of 3 m radius lights.
+/// Returns the mesh that a projector in a sphere of 3 m radius lights.
 fn thrown(size: [u32; 2], position: DVec3, rotation: DQuat, tangents: [f64; 4]) -> WarpMesh {
     let [left, right, bottom, top] = tangents;
     mesh(size, |uv| {

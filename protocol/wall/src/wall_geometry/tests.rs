@@ -14,7 +14,7 @@ use super::super::{CalibrationFile, CalibrationFileKind, ChannelKind};
 use super::*;
 use crate::ChannelId;
 
-/// What cells of a warp are off by, and rounding to f32, in pixels; a warped pixel may be off by
+/// Maximum error of a warp's cells and of rounding to f32, in pixels; a warped pixel may be off by
 /// three times as much.
 const PLACE_ERROR_MAX: f64 = 0.03;
 
@@ -45,7 +45,7 @@ fn grid(size: UVec2, value: impl Fn(DVec2) -> Option<DVec3>) -> WarpGeometry {
     WarpGeometry::Grid(WarpGrid { size, values: (0..size.x * size.y).map(value).collect() })
 }
 
-/// The same wall as if a program had measured it: a map for each channel, with as many points as
+/// Returns the wall as if a program had measured it: a map for each channel, with as many points as
 /// pixels.
 fn measured(wall: &Wall, space: MapCoordinates) -> (Wall, CalibrationMaps) {
     let mut by_files = wall.clone();
@@ -149,7 +149,8 @@ fn weights_of_channels_by_files_add_up_to_one() {
     }
 }
 
-/// What a picture comes to through all channels, each sharing its light, in levels from itself.
+/// A picture passes through all channels, each sharing its light, and is compared with itself in
+/// levels.
 #[test]
 fn a_screen_of_files_is_stitched_as_one_of_geometry() {
     for (is_round, space) in [(false, MapCoordinates::Canvas), (true, MapCoordinates::Display)] {

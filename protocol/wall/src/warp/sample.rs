@@ -14,7 +14,8 @@ use crate::warp_mesh::{TessellationOptions, WarpMesh as ChannelMesh, WarpVertex}
 /// more than one plane of a source can.
 const STRAIGHT_EDGE_PX: f64 = 256.0;
 
-/// How far from a side of a canvas a place may be that is on it, as a share of the side: f32.
+/// Maximum distance between a side of a canvas and a place that counts as on it, as a share of the
+/// side: the rounding of f32.
 const SNAP_UV: f64 = 1e-7;
 
 impl WarpMap {
@@ -44,7 +45,7 @@ impl WarpMap {
     }
 
     /// The mesh of a tile of a screen whose surface this is: its places are those of the canvas.
-    /// What lies beside the tile is cut off.
+    /// Parts beside the tile are cut off.
     pub fn screen_mesh(
         &self,
         channel: &Channel,
@@ -66,8 +67,8 @@ impl WarpMap {
         is_in_room.then(|| mesh.placed(|place| place).within_rect(DVec2::ZERO, DVec2::ONE, SNAP_UV))
     }
 
-    /// What a channel draws of a mesh whose vertices are at places before pins and bends, and
-    /// have values of this map.
+    /// Returns the mesh that a channel draws, from a mesh whose vertices are at places before pins
+    /// and bends, and have values of this map.
     fn drawn(
         &self,
         meant: ChannelMesh,
@@ -106,8 +107,8 @@ impl WarpMap {
 }
 
 impl ImportedMesh {
-    /// The same triangles, at places of a picture that is counted otherwise; their points are the
-    /// map's values.
+    /// Returns the triangles with their places mapped by `pixel_of` to a channel's pixels or to the
+    /// picture; their points are the map's values.
     fn placed(&self, pixel_of: impl Fn(DVec2) -> DVec2) -> ChannelMesh {
         let vertex = |vertex: &super::ImportedVertex| WarpVertex {
             pixel: pixel_of(vertex.place.as_dvec2()),

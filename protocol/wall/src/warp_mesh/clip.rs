@@ -9,8 +9,8 @@ use glam::{DVec2, DVec3};
 
 use super::{WarpMesh, WarpVertex};
 
-/// How far from a side of the picture a vertex may be that is on it, in pixels: places of files
-/// are f32, and what is cut off there would be thinner than any pixel sees.
+/// Maximum distance between a side of the picture and a vertex that counts as on it, in pixels:
+/// places of files are f32, and a strip cut off there would be thinner than any pixel sees.
 pub(crate) const SNAP_PX: f64 = 1e-2;
 
 impl WarpMesh {
@@ -91,7 +91,7 @@ impl WarpMesh {
         self.triangles = triangles;
     }
 
-    /// Where an edge meets the line.
+    /// Returns the vertex where an edge meets the line.
     fn crossing(&self, ends: [u32; 2], sides: &[f64]) -> WarpVertex {
         let [a, b] = ends.map(|end| self.vertices[end as usize]);
         let [from, to] = ends.map(|end| sides[end as usize]);

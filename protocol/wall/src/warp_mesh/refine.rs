@@ -12,7 +12,7 @@ const ROUNDS_MAX: usize = 14;
 /// An edge shorter than this, in pixels, is not divided.
 const EDGE_MIN_PX: f64 = 1.0;
 
-/// How far triangles are divided.
+/// The fineness to which triangles are divided.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Refinement {
     /// Maximum length of an edge in pixels.

@@ -40,7 +40,7 @@ fn tunings(wall: &Wall) -> Vec<(String, ChannelCalibration)> {
     vec![tuned("left", 2.0), tuned("right", 3.0)]
 }
 
-/// What becomes of both channels' tunings where the wall file becomes this one.
+/// Returns the outcome for both channels' tunings if the wall file becomes this one.
 fn after(new: &Wall) -> CarriedOver {
     let old = parsed(WALL);
     let carried = carried_over(&old, &tunings(&old), new);

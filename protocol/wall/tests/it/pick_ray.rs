@@ -17,7 +17,7 @@ fn camera() -> Camera {
     }
 }
 
-/// Where a channel draws a point of the world, in pixels of its screen.
+/// Returns the place where a channel draws a point of the world, in pixels of its screen.
 fn drawn(wall: &Wall, id: ChannelId, view: &View, eye: DVec3, world: DVec3) -> DVec2 {
     let frustum = wall.view_frustum(id, view, eye).expect("a frustum");
     let Camera { position, rotation, scale } = view.camera;

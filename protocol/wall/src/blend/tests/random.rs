@@ -10,7 +10,7 @@ use crate::projector::Projector;
 use crate::surface::{Cylinder, Plane, Sphere, Surface};
 use crate::{ChannelKind, Wall};
 
-/// What a light map's weight may be off by: the sum of four keeps 1/4096 twice over.
+/// Maximum error of a light map's weight: the sum of four keeps 1/4096 twice over.
 const WEIGHT_ERROR_MAX: f64 = 1.0 / 32768.0 + 1.0 / 65535.0;
 
 /// Numbers from -1 to 1 out of a seed: G. Marsaglia, *Xorshift RNGs*, 2003.
@@ -107,8 +107,8 @@ fn weights_are_exact_in_every_pixel_also_where_outer_edges_cross() {
     assert!(count > 20_000 && worst <= WEIGHT_ERROR_MAX, "{worst:e}, {count} shared pixels");
 }
 
-/// Where an edge of another picture runs through a pixel, the pixel raises the other's black by
-/// as much as is missing in all of it.
+/// A pixel through which an edge of another picture runs raises the other's black by as much as is
+/// missing in all of it.
 #[test]
 fn black_is_right_in_the_mean_of_each_pixel() {
     const PARTS: u32 = 12;

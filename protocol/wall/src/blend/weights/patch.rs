@@ -10,8 +10,8 @@ const NODES: usize = 4;
 /// Places from which [`Patch::curved`] is made: its nodes, and those that tell how far it is off.
 pub(super) const PLACES: usize = NODES * NODES + 4;
 
-/// Where in a cell a patch is most off, of each sign: a cubic's remainder is there within 6 % of
-/// its largest.
+/// Places in a cell where a patch's error is checked, one of each sign: there a cubic's remainder
+/// is within 6 % of its largest.
 const CHECKS: [f64; 2] = [1.0 / 6.0, 5.0 / 6.0];
 
 /// The places of a cell, from (0, 0) to (1, 1), from which [`Patch::curved`] is made.
@@ -23,17 +23,17 @@ pub(super) fn places() -> [(f64, f64); PLACES] {
     })
 }
 
-/// Where it is found how far [`Patch::linear`] is off: the middles of all, of the upper side and of
-/// the left one.
+/// Places where the error of [`Patch::linear`] is measured: the middles of the cell, of its upper
+/// side and of its left one.
 pub(super) const MIDDLES: [(f64, f64); 3] = [(0.5, 0.5), (0.5, 0.0), (0.0, 0.5)];
 
 /// Places in a cell, and how far they may be off, in pixels.
 #[derive(Clone, Debug)]
 pub(super) struct Patch {
-    /// Of u^i v^j at `[j][i]`, where (u, v) is the place in the cell, (0, 0) to (1, 1).
+    /// The factors of u^i v^j at `[j][i]`, where (u, v) is the place in the cell, (0, 0) to (1, 1).
     factors: [[DVec2; NODES]; NODES],
     pub error_px: f64,
-    /// Of the cell, in its pixels.
+    /// The size of the cell, in its pixels.
     size: DVec2,
 }
 

@@ -12,8 +12,8 @@ use super::{Cell, Here, Neighbour, Raster};
 /// outer edges cross, around which weights turn within a pixel.
 const WEIGHT_ERROR_MAX: f64 = 1.0 / 32768.0;
 
-/// Parts of a pixel across and down of which it is asked who lights them, where an edge of another
-/// picture runs through it.
+/// Parts of a pixel, across and down, that are checked for light where an edge of another picture
+/// runs through the pixel.
 const PARTS: u32 = 8;
 
 /// The pixels of a cell.
@@ -21,9 +21,9 @@ pub(super) struct Pixels<'p, 'l, 'w> {
     raster: &'p Raster<'l, 'w>,
     cell: &'p Cell,
     here: &'p [Here<'l, 'w>],
-    /// Whether all places of the cell can be interpolated.
+    /// `true` if all places of the cell can be interpolated.
     is_patched: bool,
-    /// Of the row that was begun: places of those that are here.
+    /// The places of the channels that are here, for the row that was begun.
     rows: Vec<Row>,
     seen: Vec<Seen<'p, 'l, 'w>>,
     lights: Vec<EyeContribution>,
@@ -33,9 +33,9 @@ pub(super) struct Pixels<'p, 'l, 'w> {
 struct Seen<'p, 'l, 'w> {
     other: &'p Neighbour<'l, 'w>,
     place: DVec2,
-    /// How far it may be off, in pixels.
+    /// Maximum error of the place, in pixels.
     error_px: f64,
-    /// By what it moves from pixel to pixel, across and down.
+    /// Its step from pixel to pixel, across and down.
     slope: [DVec2; 2],
 }
 
@@ -124,8 +124,8 @@ impl<'p, 'l, 'w> Pixels<'p, 'l, 'w> {
         is_good.then_some(share)
     }
 
-    /// What errors of places may make of the weight of a pixel with this step, as a share of it:
-    /// ∂w/∂r of each other, times what its error makes of r.
+    /// Returns the error of a pixel's weight for this step, as a share of the weight: the sum over
+    /// the other channels of ∂w/∂r times the error of r.
     fn error(&self, own: f64) -> f64 {
         let exponent = self.raster.exponent;
         let lit = || {
@@ -150,8 +150,8 @@ impl Seen<'_, '_, '_> {
         EyeContribution { eye, step, is_before, part: self.lit_part(), leak: other.lamp.leak }
     }
 
-    /// How much of the pixel the other one lights: an edge of a picture that runs askew through a
-    /// pixel ends its black within it.
+    /// Returns the part of the pixel that the other channel lights: an edge of a picture that runs
+    /// askew through a pixel ends its black within it.
     fn lit_part(&self) -> f64 {
         let lamp = self.other.lamp;
         let reach = (self.slope[0].abs() + self.slope[1].abs()) * 0.5;

@@ -39,7 +39,7 @@ impl Round {
         DVec2::new(u, v) * self.size.as_dvec2()
     }
 
-    /// Where the ray from an eye within through a point leaves the screen.
+    /// Returns the point where the ray from an eye inside through a point leaves the screen.
     fn hit(&self, eye: DVec3, through: DVec3) -> DVec3 {
         let flat = |v: DVec3| if self.is_dome { v } else { DVec3::new(v.x, 0.0, v.z) };
         let (along, from) = (flat(through - eye), flat(eye));

@@ -108,7 +108,7 @@ fn a_map_of_one_point_lights_nothing() {
     }
 }
 
-/// Where the picture has dark margins, ramps begin where it is lit.
+/// Ramps begin at the lit edges of a picture that has dark margins.
 #[test]
 fn ramps_run_along_what_is_lit() {
     let margin = |from: f64| {

@@ -24,7 +24,7 @@ fn mesh(cells: [u32; 2], point: impl Fn(DVec2) -> DVec3) -> CalibrationMap {
     CalibrationMap::Warp(WarpMap { space: MapCoordinates::Display, shape })
 }
 
-/// The same wall with its only screen as a mesh.
+/// Returns the wall with its only screen as a mesh.
 fn meshed(wall: &Wall, file: CalibrationMap) -> (Wall, CalibrationMaps) {
     let mut meshed = wall.clone();
     meshed.screens[0].surface = Surface::Mesh(0);
