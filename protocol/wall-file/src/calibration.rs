@@ -146,7 +146,7 @@ impl Table<'_> {
         Ok(())
     }
 
-    /// What its warp file is, if it has one.
+    /// Returns the kind of its warp file; plain if it has none.
     fn warp_kind(&self) -> Result<CalibrationFileKind, WallFileError> {
         let s = self.section;
         if s.warp_zero.is_some() && s.warp.is_none() {

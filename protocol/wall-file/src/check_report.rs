@@ -1,6 +1,7 @@
-//! What `polyptych check` says about a wall: who shows what, how large, how sharp.
+//! The report of `polyptych check` about a wall: the part that each channel shows, its size and
+//! sharpness.
 //!
-//! No number in it is NaN or infinite. What nobody knows is `None`: the text has a dash there, and
+//! No number in it is NaN or infinite. Unknown numbers are `None`: the text has a dash there, and
 //! JSON leaves the key out.
 
 mod angular_size;
@@ -35,9 +36,9 @@ pub struct CheckReport {
     pub pixels_total: u64,
     /// Samples per pixel.
     pub samples: u32,
-    /// Where the eye stands, in metres of display space.
+    /// The position of the eye, in metres of display space.
     pub eye_m: [f64; 3],
-    /// How the wall shows depth.
+    /// The way in which the wall shows depth.
     pub stereo: Stereo,
     /// From the left eye to the right one, in metres.
     pub eye_separation_m: f64,
@@ -47,13 +48,13 @@ pub struct CheckReport {
     pub screens: Vec<ScreenRow>,
     /// In the order of the wall file.
     pub channels: Vec<ChannelRow>,
-    /// Where blends are worst, screen by screen; none where channels share no light.
+    /// The places with the worst blends, screen by screen; none if channels share no light.
     pub blends: Vec<BlendRow>,
-    /// What works, but will not look its best.
+    /// Warnings about what works, but will not look its best.
     pub warnings: Vec<String>,
 }
 
-/// How a wall shows depth.
+/// The way in which a wall shows depth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stereo {
@@ -89,11 +90,12 @@ pub struct ScreenRow {
     /// The gaps between tiles, if the wall file asks for such.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bezel: Option<BezelRow>,
-    /// What channels cover, for each eye; empty if calibration files say it that were not read.
+    /// The parts that channels cover, for each eye; empty if that needs calibration files that were
+    /// not read.
     pub coverage: Vec<CoverageRow>,
 }
 
-/// How the channels of a screen cover it, for one eye.
+/// The coverage of a screen by its channels, for one eye.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CoverageRow {
     /// `center`, `left` or `right`.
@@ -102,7 +104,7 @@ pub struct CoverageRow {
     pub covered: f64,
     /// Maximum number of channels that show one place.
     pub layers_max: u32,
-    /// Whether light is shared: then what is not covered was not hidden on purpose.
+    /// `true` if light is shared: then the uncovered parts were not hidden on purpose.
     pub blends: bool,
     /// Number of pixels that no channel shows, all parts together.
     pub uncovered_pixels: f64,
@@ -110,7 +112,7 @@ pub struct CoverageRow {
     pub uncovered: Vec<RegionRow>,
     /// Channels that show the same.
     pub overlaps: Vec<OverlapRow>,
-    /// How far apart the places are that were looked at, in pixels; 0 where all were counted.
+    /// The spacing of the places that were looked at, in pixels; 0 if all were counted.
     pub step_px: [f64; 2],
 }
 
@@ -121,7 +123,7 @@ pub struct RegionRow {
     pub origin: [f64; 2],
     /// That rectangle's width and height in pixels.
     pub pixels: [f64; 2],
-    /// The same in metres along the surface.
+    /// That rectangle's width and height in metres along the surface.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub size_m: Option<[f64; 2]>,
     /// Number of pixels of the part itself, which may be fewer than the rectangle has.
@@ -136,20 +138,20 @@ pub struct RegionRow {
 pub struct OverlapRow {
     /// Their names.
     pub channels: [String; 2],
-    /// What both show.
+    /// The part that both show.
     pub patch: RegionRow,
-    /// Whether they share their light there.
+    /// `true` if they share their light there.
     pub is_blended: bool,
 }
 
-/// How a bezel was rounded.
+/// A bezel before and after rounding.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct BezelRow {
-    /// What the wall file asks for, across and down, in metres.
+    /// The gap that the wall file asks for, across and down, in metres.
     pub asked_m: [f64; 2],
     /// The even numbers of pixels nearest to it.
     pub pixels: [u32; 2],
-    /// What these are in metres.
+    /// The size of these pixels in metres.
     pub in_force_m: [f64; 2],
 }
 

@@ -1,4 +1,4 @@
-//! Whether the channels of a screen cover it, for each eye: holes, hidden parts, hard edges.
+//! Checks that the channels of a screen cover it, for each eye: holes, hidden parts, hard edges.
 
 use glam::UVec2;
 use polyptych_text::counted;
@@ -111,7 +111,8 @@ impl PlacedSection<'_> {
         Ok(())
     }
 
-    /// What no channel need show: what the file hides, and what is between the tiles of a grid.
+    /// Returns the parts that channels need not show: what the file hides, and the gaps between the
+    /// tiles of a grid.
     fn hidden(&self, canvas: UVec2, drafts: &[&ChannelDraft]) -> Result<Vec<Rect>, WallFileError> {
         let ScreenSection { hidden, tiles, .. } = self.section;
         if tiles.is_some() {

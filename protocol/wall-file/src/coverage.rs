@@ -1,4 +1,4 @@
-//! Which places of a screen's canvas are shown by how many channels: holes and overlaps, for each
+//! The number of channels that show each place of a screen's canvas: holes and overlaps, for each
 //! eye of its own.
 //!
 //! Plain tiles are counted exactly, to the pixel; projectors, pins and bends on a grid of places.
@@ -19,10 +19,11 @@ const SAMPLES_MAX: usize = 1 << 22;
 /// Fewest and most places along one side of a canvas.
 const SIDE_RANGE: (usize, usize) = (16, 256);
 
-/// Places along an edge at which it is asked who else is there.
+/// Places along an edge that are checked for other channels.
 const EDGE_SAMPLES: u32 = 33;
 
-/// How far a projector's ray may miss the point that it was aimed at, as a share of its distance.
+/// Maximum distance of a projector's ray from the point that it was aimed at, as a share of its
+/// distance plus 1 m.
 const MISS_MAX: f64 = 1e-6;
 
 /// Maximum distance beyond the canvas of a place that counts as on its edge, in pixels: what f32
@@ -32,7 +33,7 @@ const EDGE_SLACK_PX: f64 = 0.01;
 /// A screen's canvas, as one eye sees it covered.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coverage {
-    /// Whose eye it is; the middle where no channel is for one of both.
+    /// The eye; the middle if no channel is for one of both.
     pub eye: Eye,
     /// Most channels that show one place.
     pub layers_max: u32,
@@ -40,8 +41,8 @@ pub struct Coverage {
     pub holes: Vec<Region>,
     /// Pairs of channels that show the same, in the order of the file.
     pub overlaps: Vec<Overlap>,
-    /// How far apart the places are that were looked at, in pixels of the canvas; zero where
-    /// everything was counted.
+    /// The spacing of the places that were looked at, in pixels of the canvas; zero if everything
+    /// was counted.
     pub step_px: DVec2,
 }
 
@@ -52,7 +53,7 @@ pub struct Region {
     pub origin: DVec2,
     /// Width and height of the rectangle around it.
     pub size: DVec2,
-    /// How many pixels it has.
+    /// The number of its pixels.
     pub area: f64,
 }
 
@@ -61,13 +62,13 @@ pub struct Region {
 pub struct Overlap {
     /// Their places in the list of the wall's channels.
     pub channels: [usize; 2],
-    /// Where.
+    /// The place.
     pub patch: Region,
-    /// Whether their light is shared there; not where one ends in a ramp without width.
+    /// `true` if their light is shared there; `false` where one ends in a ramp without width.
     pub is_blended: bool,
 }
 
-/// Whether this eye sees the channel.
+/// Returns whether this eye sees the channel.
 pub(super) fn is_seen_by(channel: &Channel, eye: Eye) -> bool {
     let of = channel.adjustment.eye;
     let is_for_both = of == Eye::Center || channel.adjustment.packing != StereoPacking::None;
@@ -88,7 +89,7 @@ pub(super) fn is_plain_tile(channel: &Channel) -> bool {
         && adjustment.bend.is_none()
 }
 
-/// What a channel covers.
+/// The part of a screen that a channel covers.
 pub(super) struct Footprint<'a> {
     channel: &'a Channel,
     ground: ScreenGeometry<'a>,
@@ -170,7 +171,8 @@ impl<'a> Footprint<'a> {
     }
 }
 
-/// How a screen is covered, for each eye; empty if calibration files say it that are not read.
+/// Returns the coverage of a screen, for each eye; empty if that needs calibration files that were
+/// not read.
 pub fn coverage<'a>(of: impl Into<ResolvedWall<'a>>, screen: usize) -> Vec<Coverage> {
     let of: ResolvedWall<'a> = of.into();
     let wall = of.wall;

@@ -1,4 +1,4 @@
-//! What is wrong with a wall file, and where.
+//! Errors of a wall file, with their places.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -37,12 +37,12 @@ impl WallFileError {
         &self.key
     }
 
-    /// What is wrong.
+    /// Returns the fault.
     pub fn what(&self) -> &str {
         &self.what
     }
 
-    /// What would be right.
+    /// Returns the fix.
     pub fn remedy(&self) -> &str {
         &self.remedy
     }

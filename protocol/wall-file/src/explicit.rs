@@ -68,7 +68,7 @@ impl PlacedSection<'_> {
     }
 }
 
-/// Where a projector's window stands: in the middle of what it lights, on the canvas.
+/// Returns the origin of a projector's window: in the middle of what it lights, on the canvas.
 fn window_origin(projector: &Projector, screen: &Screen, size: UVec2) -> UVec2 {
     let middle = projector.intersect(&screen.surface, DVec2::splat(0.5));
     let middle = middle.and_then(|point| screen.canvas_from_display(point)).unwrap_or_default();

@@ -8,14 +8,14 @@ use super::document::Rotation;
 use super::error::WallFileError;
 use super::source::SourceText;
 
-/// How far from 1 the length of a quaternion may be; as what travels is checked for.
+/// Maximum deviation of a quaternion's length from 1; the bound for walls on the wire, too.
 const LENGTH_ERROR_MAX: f64 = 1e-6;
 
 /// Steps beside the nearest number of degrees that may be needed to meet radians exactly: dividing
 /// and multiplying round once each.
 const ULPS_MAX: i64 = 4;
 
-/// What a rotation of the file means; none is no rotation.
+/// Returns the rotation that the file states; the identity if it states none.
 pub(super) fn rotation(
     source: &SourceText<'_>,
     key: &str,
@@ -47,7 +47,8 @@ fn from_angles(degrees: [f64; 3]) -> DQuat {
     DQuat::from_rotation_y(yaw) * DQuat::from_rotation_x(pitch) * DQuat::from_rotation_z(roll)
 }
 
-/// How a file says a rotation: in angles where round ones give exactly this one.
+/// Returns a rotation as a file states it: in angles if round ones give exactly this one; `None`
+/// for the identity.
 pub(super) fn written(rotation: DQuat) -> Option<Rotation> {
     if rotation == DQuat::IDENTITY {
         return None;

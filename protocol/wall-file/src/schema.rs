@@ -36,7 +36,7 @@ pub(super) fn words_at(key: &str) -> Vec<String> {
     described.chain(listed).collect()
 }
 
-/// What a reference, or one or nothing, stands for.
+/// Returns the value that a reference, or a choice between one value and null, stands for.
 fn resolved<'v>(root: &'v Value, value: &'v Value) -> &'v Value {
     if let Some(name) = value["$ref"].as_str().and_then(|path| path.strip_prefix("#/$defs/")) {
         return resolved(root, &root["$defs"][name]);

@@ -16,22 +16,22 @@ use crate::tiling::Rect;
 /// Shortest side of a screen: the smallest displays made are some millimetres wide.
 pub(super) const SCREEN_SIDE_MIN_M: f64 = 1e-3;
 
-/// How far from a right angle corners may be, as a cosine: a millimetre per metre, which is what
+/// Maximum deviation of corners from a right angle, as a cosine: a millimetre per metre, which
 /// people who measure a room achieve.
 const RIGHT_ANGLE_COSINE_MAX: f64 = 1e-3;
 
 /// A channel, with the keys that errors about it name.
 pub(super) struct ChannelDraft {
-    /// What it will be.
+    /// The channel as it will be.
     pub channel: Channel,
-    /// Where its name comes from.
+    /// The key of its name.
     pub name_key: String,
-    /// Where its rectangle comes from.
+    /// The key of its rectangle.
     pub key: String,
 }
 
 impl ChannelDraft {
-    /// What it shows.
+    /// Returns its rectangle on the canvas.
     pub fn rect(&self) -> Rect {
         Rect { origin: self.channel.origin, size: self.channel.size }
     }
@@ -43,7 +43,7 @@ pub(super) struct PlacedSection<'a> {
     pub source: &'a SourceText<'a>,
     /// The screen's place in the list of screens.
     pub index: u16,
-    /// What the file says.
+    /// The section of the file.
     pub section: &'a ScreenSection,
 }
 

@@ -198,7 +198,7 @@ impl<'a> SourceText<'a> {
         self.error(key, what, format!("write {header} on a line of its own, its keys below"))
     }
 
-    /// What is wrong with a value that stands where the schema wants one of a few words.
+    /// Explains a value that stands where the schema wants one of a few words.
     fn words_wanted(&self, key: &str, offset: usize) -> Option<Explanation> {
         let words = words_at(key);
         if !words.is_empty() {
@@ -228,7 +228,7 @@ impl<'a> SourceText<'a> {
         best.map(|(_, key)| key)
     }
 
-    /// What the lines themselves call the key here: for text that is no TOML.
+    /// Returns the key that the lines themselves give here: for text that is no TOML.
     fn line_key(&self, offset: usize) -> String {
         let start = self.text[..self.text.floor_char_boundary(offset)].rfind('\n');
         let (before, here) = self.text.split_at(start.map_or(0, |newline| newline + 1));
@@ -242,7 +242,7 @@ impl<'a> SourceText<'a> {
         key.chars().take(64).filter(|c| !c.is_control()).collect()
     }
 
-    /// Where the longest part of the key that exists begins.
+    /// Returns the offset of the longest part of the key that exists.
     fn offset_of(&self, key: &str) -> usize {
         let mut offset = 0;
         let mut table = self.root.get_ref();

@@ -10,9 +10,9 @@ use std::ops::Range;
 pub(super) struct Slip {
     /// Offset of the mistake in bytes.
     pub offset: usize,
-    /// What is wrong.
+    /// The fault.
     pub what: String,
-    /// What to write instead.
+    /// The text to write instead.
     pub remedy: String,
 }
 
@@ -98,7 +98,7 @@ fn open_bracket(text: &str, end: usize) -> Option<usize> {
 /// The surroundings of an error.
 struct Place<'t> {
     offset: usize,
-    /// What the error is about.
+    /// The text that the error is about.
     found: &'t str,
     /// The line before it, without leading spaces.
     before: &'t str,
@@ -224,7 +224,7 @@ impl<'t> Place<'t> {
         self.slip("two keys stand on one line", "write each on a line of its own")
     }
 
-    /// What stands behind a whole value or header.
+    /// Explains the text behind a whole value or header.
     fn rest_of_line(&self) -> Slip {
         let value = self.before.split_once('=').map_or("", |(_, value)| value.trim());
         if let Some(rest) = self.rest.strip_prefix(',') {
@@ -313,7 +313,7 @@ impl<'t> Place<'t> {
         self.slip("the table is given twice", "put all its keys below the first one")
     }
 
-    /// What the message alone tells.
+    /// Explains the mistake by the parser's message alone.
     #[expect(clippy::too_many_lines, reason = "one table of what each message means")]
     fn by_message(&self, message: &str) -> Option<Slip> {
         let line = shortened(self.before.split_once('=').map_or("", |(_, value)| value.trim()));

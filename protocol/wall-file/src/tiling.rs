@@ -20,19 +20,19 @@ impl Rect {
         self.origin.saturating_add(self.size)
     }
 
-    /// What both rectangles cover, if that is a pixel or more.
+    /// Returns the part that both rectangles cover, if that is a pixel or more.
     pub fn intersection(self, other: Self) -> Option<Self> {
         let origin = self.origin.max(other.origin);
         let end = self.end().min(other.end());
         origin.cmplt(end).all().then(|| Self { origin, size: end - origin })
     }
 
-    /// Whether the rectangle lies on the canvas with all its pixels.
+    /// Returns whether the rectangle lies on the canvas with all its pixels.
     pub fn lies_on(self, canvas: UVec2) -> bool {
         self.end().cmple(canvas).all() && self.end() == self.origin.wrapping_add(self.size)
     }
 
-    /// How many pixels it has.
+    /// Returns the number of its pixels.
     pub fn area(self) -> u64 {
         u64::from(self.size.x) * u64::from(self.size.y)
     }
@@ -76,7 +76,8 @@ pub(super) fn overlap(rects: &[Rect]) -> Option<(usize, usize, Rect)> {
     })
 }
 
-/// What none of the rectangles covers, as rectangles without overlap, from the top down.
+/// Returns the area that none of the rectangles covers, as rectangles without overlap, from the top
+/// down.
 ///
 /// A sweep over the rows where something begins or ends: between two such rows the picture is
 /// the same in each row, so one pass over the sorted intervals finds the gaps.

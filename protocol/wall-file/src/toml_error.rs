@@ -1,12 +1,12 @@
-//! serde's complaints in the words of someone who writes a wall file.
+//! Serde's error messages in the words of a wall file's author.
 
 /// A complaint, translated.
 pub(super) struct Explanation {
     /// The name of the key that is missing, where one is.
     pub missing: Option<String>,
-    /// What is wrong.
+    /// The fault.
     pub what: String,
-    /// What would be right.
+    /// The fix.
     pub remedy: String,
 }
 
@@ -41,7 +41,7 @@ pub(super) fn from_serde(message: &str) -> Explanation {
     Explanation { missing: None, what: message.to_owned(), remedy }
 }
 
-/// What is wrong with a value in the place of one of these words.
+/// Explains a value in the place of one of these words.
 pub(super) fn explain_words(found: &str, words: &[String]) -> Explanation {
     let quoted: Vec<_> = words.iter().map(|word| format!("{word:?}")).collect();
     let remedy = format!("write one of {}", quoted.join(", "));
@@ -72,7 +72,8 @@ pub(super) fn suggest(name: &str, valid: &[String], kind: &str) -> String {
     }
 }
 
-/// How many letters to add, drop or change to get from one name to the other (Levenshtein 1966).
+/// Returns the number of letters to add, drop or change to get from one name to the other
+/// (Levenshtein 1966).
 fn edits(from: &str, to: &str) -> usize {
     // A name of a kilobyte is like none of ours, and would only cost time.
     let from: Vec<char> = from.chars().take(64).collect();

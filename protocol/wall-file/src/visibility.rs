@@ -1,4 +1,4 @@
-//! Whether the eye sees the front of every screen, and projectors light them.
+//! Checks that the eye sees the front of every screen, and that projectors light them.
 
 use glam::{DVec2, DVec3};
 use polyptych_wall::channel_mapping::ChannelMapping;
@@ -131,7 +131,7 @@ fn grid(size: DVec2) -> impl Iterator<Item = DVec2> {
     (0..SIDE).flat_map(move |y| (0..SIDE).map(move |x| DVec2::new(at(x), at(y)) * size))
 }
 
-/// How far the eye is before the planes that touch the screen at these places, at least.
+/// Returns the minimum distance of the eye before the planes that touch the screen at these places.
 fn nearest_m(screen: &Screen, eye: DVec3, places: &[DVec2]) -> Option<f64> {
     let distance = |at: &DVec2| {
         let normal = screen.surface.normal(*at / screen.canvas.as_dvec2())?;

@@ -1,5 +1,5 @@
-//! How long a line on a screen is, in metres and in degrees as the eye sees it; and how densely
-//! what is drawn fills a channel's pixels.
+//! The length of a line on a screen, in metres and in degrees as the eye sees it; and the density
+//! at which drawn pictures fill a channel's pixels.
 
 use glam::DVec3;
 use polyptych_wall::Channel;

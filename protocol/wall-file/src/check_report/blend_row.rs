@@ -1,4 +1,4 @@
-//! Where the light that channels share adds up worst.
+//! The places where the light that channels share adds up worst.
 
 use glam::DVec2;
 use polyptych_wall::blend::{BlendModel, ChannelMasks};
@@ -22,7 +22,7 @@ const LOOKS_MAX: u32 = 1 << 20;
 pub struct BlendRow {
     /// The name of the screen.
     pub screen: String,
-    /// Whose eye it is.
+    /// The eye that sees it.
     pub eye: Eye,
     /// In pixels of the screen's canvas.
     pub place: [f64; 2],
@@ -97,7 +97,8 @@ fn of_screen(
     worst.map(|(_, row)| row)
 }
 
-/// The light of a place, and who gives it; `None` where fewer than two channels do.
+/// Returns the light of a place, and the channels that give it; `None` if fewer than two channels
+/// do.
 fn light_at(blend: &BlendModel<'_>, lit: &[Lit<'_>], place: DVec2) -> Option<(f64, Vec<String>)> {
     let shown = lit.iter().filter_map(|lit| {
         let size = lit.channel.size.as_dvec2();

@@ -12,8 +12,7 @@ use super::lit_part::LitPart;
 use crate::check_report::angular_size;
 use crate::coverage::{Footprint, is_plain_tile};
 
-/// A channel in numbers. Numbers that nobody knows are `None`, and left out of JSON; `unknown`
-/// says why.
+/// A channel in numbers. Unknown numbers are `None`, and left out of JSON; `unknown` says why.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ChannelRow {
     /// The channel's name.
@@ -37,12 +36,13 @@ pub struct ChannelRow {
     pub output_pixels: [u32; 2],
     /// For whose eye it is: `center`, `left` or `right`. With a packing it is for both.
     pub eye: Eye,
-    /// How both eyes share its display: `none`, `side-by-side`, `top-bottom` or `anaglyph`.
+    /// The layout of both eyes' pictures on its display: `none`, `side-by-side`, `top-bottom` or
+    /// `anaglyph`.
     pub packing: StereoPacking,
-    /// How its display hangs: `none`, or by the side of the viewer at which its upper side is,
-    /// `left` or `right`, or `half` for upside down.
+    /// The orientation of its display: `none`, or the side of the viewer at which its upper side
+    /// is, `left` or `right`, or `half` for upside down.
     pub turn: Orientation,
-    /// Whether left and right are exchanged, before it is turned.
+    /// `true` if left and right are exchanged, before it is turned.
     pub mirror: bool,
     /// The upper left pixel on the screen's canvas.
     pub origin: [u32; 2],
@@ -70,7 +70,7 @@ pub struct ChannelRow {
     /// at most for each eye, since each flat picture has one eye.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stereo_error_px: Option<f64>,
-    /// How it gets its frustum: `shared` or `own`; `warp` if its pixels are no even grid on a
+    /// The mode of its frustum: `shared` or `own`; `warp` if its pixels are no even grid on a
     /// plane.
     pub projection: &'static str,
     /// Why numbers are left out, if any are.
@@ -87,7 +87,7 @@ pub struct ProjectorRow {
     pub throw_ratio: f64,
     /// Lens shift, right and up, in widths and heights of its picture.
     pub shift: [f64; 2],
-    /// Whether it stands behind the screen, so that its light is seen through it.
+    /// `true` if it stands behind the screen, so that its light is seen through it.
     pub is_rear: bool,
     /// From its lens to the middle of what it lights, in metres.
     #[serde(skip_serializing_if = "Option::is_none")]

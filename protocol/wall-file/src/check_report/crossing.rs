@@ -8,7 +8,7 @@ use crate::coverage::is_seen_by;
 /// Places of a screen along each side; the first and last one are near its edges.
 const SIDE: usize = 18;
 
-/// How far the outermost places are from an edge, as a share of the side: screens may touch.
+/// Distance of the outermost places from an edge, as a share of the side: screens may touch.
 const INSET: f64 = 0.005;
 
 /// Minimum distance from a surface of a point that does not lie on it, in metres; of a screen
@@ -18,7 +18,7 @@ const ON_SURFACE_MAX: f64 = 1e-3;
 /// Maximum number of pairs that are named.
 const PAIRS_MAX: usize = 4;
 
-/// How two screens meet.
+/// The way in which two screens meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Meeting {
     Apart,
@@ -92,7 +92,7 @@ impl<'a> Grid<'a> {
         self.middle.distance(other.middle) <= self.radius_m + other.radius_m
     }
 
-    /// How points of this grid and lines between them meet another surface.
+    /// Returns the way in which points of this grid and lines between them meet another surface.
     fn meet(&self, other: &Self) -> Meeting {
         let before: Vec<Option<f64>> =
             self.points.iter().map(|point| before_m(other.surface, *point)).collect();
@@ -114,15 +114,16 @@ impl<'a> Grid<'a> {
     }
 }
 
-/// How surfaces meet of which points of one, row by row, lie on the other: a few are where both
-/// cross, many are a common part.
+/// Returns the way in which surfaces meet if these points of one, row by row, lie on the other: a
+/// few are where both cross, many are a common part.
 fn meet_on(before: &[Option<f64>], is_on: impl Fn(&Option<f64>) -> bool) -> Meeting {
     let is_common = |row: &&[Option<f64>]| row.windows(2).any(|pair| pair.iter().all(&is_on));
     let rows = before.chunks(SIDE).filter(is_common).count();
     if rows > 1 { Meeting::SamePlace } else { Meeting::Cross }
 }
 
-/// How far a point is before a surface in metres, negative behind it; `None` beside it.
+/// Returns the distance of a point before a surface in metres, negative behind it; `None` beside
+/// it.
 fn before_m(surface: &Surface, point: DVec3) -> Option<f64> {
     let uv = surface.uv_from_display(point)?;
     let is_inside =

@@ -66,7 +66,7 @@ impl LitPart {
 
 /// A look at the middles of equal cells.
 struct Look {
-    /// Of a cell, in pixels.
+    /// The size of a cell, in pixels.
     step: DVec2,
     /// The places that land on the screen.
     lit: Vec<DVec2>,

@@ -227,7 +227,7 @@ impl CheckReport {
     }
 }
 
-/// What places the pixels of a channel.
+/// Describes the means by which a channel's pixels are placed.
 fn kind(channel: &ChannelRow) -> String {
     match (&channel.projector, &channel.warp) {
         (Some(projector), _) => {
@@ -279,7 +279,7 @@ fn millimetres(metres: f64) -> String {
     }
 }
 
-/// A cell, or a dash where nobody knows what would stand there.
+/// Returns a cell, with a dash for an unknown value.
 fn known<T>(number: Option<T>, cell: impl FnOnce(T) -> String) -> String {
     number.map_or_else(|| "–".to_owned(), cell)
 }
@@ -307,7 +307,7 @@ fn write_aligned(f: &mut fmt::Formatter<'_>, columns: &[Column]) -> fmt::Result 
     Ok(())
 }
 
-/// What the columns that are there mean, by their heads.
+/// The meanings of the columns that are there, by their heads.
 const LEGEND: [(&str, &str); 11] = [
     (
         "kind",
@@ -330,7 +330,7 @@ const LEGEND: [(&str, &str); 11] = [
     ("spill", "the share of its pixels that miss the screen, and light nothing"),
 ];
 
-/// How a channel is drawn, by what stands under `frustum`.
+/// The ways in which a channel is drawn, by the words under `frustum`.
 const FRUSTA: [(&str, &str); 3] = [
     ("shared", "drawn as a part of the picture of its whole screen"),
     ("own", "drawn by a frustum of its own"),

@@ -1,4 +1,4 @@
-//! What works, but will not look its best.
+//! Warnings about what works, but will not look its best.
 
 use glam::UVec2;
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
@@ -59,7 +59,8 @@ fn sampling(channel: &ChannelRow) -> Option<String> {
     ))
 }
 
-/// Omnidirectional stereo that nobody sees, or that is off by more than the wall file allows.
+/// Warns of omnidirectional stereo without effect, or with a larger error than the wall file
+/// allows.
 fn stereo(wall: &Wall, channels: &[ChannelRow]) -> Vec<String> {
     if wall.stereo.mode == StereoMode::Head {
         return Vec::new();
@@ -137,7 +138,7 @@ fn uneven_pixels(wall: &Wall) -> Vec<String> {
     uneven.collect()
 }
 
-/// What is not covered where channels blend; elsewhere the wall file hid it.
+/// Warns of a part that is not covered where channels blend; elsewhere the wall file hid it.
 fn hole(screen: &ScreenRow, coverage: &CoverageRow) -> Option<String> {
     let largest = coverage.uncovered.first().filter(|_| coverage.blends)?;
     Some(format!(
@@ -189,7 +190,7 @@ fn overlaps(wall: &Wall, index: usize, screen: &ScreenRow, coverage: &CoverageRo
     said
 }
 
-/// Whether tiles of one size stand evenly in columns and rows, for each eye alike.
+/// Returns whether tiles of one size stand evenly in columns and rows, for each eye alike.
 fn is_grid(channels: &[&Channel]) -> bool {
     let even = |axis: usize| {
         let mut at: Vec<u32> = channels.iter().map(|channel| channel.origin[axis]).collect();

@@ -1,4 +1,4 @@
-//! What a wall file says of a channel however it was made, right and wrong.
+//! Tests of a channel's keys that do not depend on how it was made, right and wrong.
 
 use glam::{DMat3, DVec2, DVec3, UVec2};
 use polyptych_wall::channel_calibration::{BlendWidths, ControlGrid, TransferFunction};

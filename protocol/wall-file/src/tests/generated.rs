@@ -34,7 +34,7 @@ struct Seed {
     adjusts: Vec<Adjust>,
 }
 
-/// What is to be adjusted, by numbers from 0 to 1.
+/// The adjustments to make, by numbers from 0 to 1.
 #[derive(Clone, Debug)]
 struct Adjust {
     kinds: u32,

@@ -105,7 +105,7 @@ fn is_far_enough(wall: &Wall) -> bool {
     })
 }
 
-/// As many cases, and no files beside the sources.
+/// Returns a configuration with 1,000 cases that writes no files beside the sources.
 fn thousand() -> ProptestConfig {
     ProptestConfig { cases: 1000, failure_persistence: None, ..ProptestConfig::default() }
 }

@@ -12,11 +12,11 @@ use super::*;
 struct Section {
     /// Its type in the schema.
     of: &'static str,
-    /// As it stands in a file.
+    /// The heading, as in a file.
     heading: &'static str,
-    /// What a file may say there.
+    /// An example of the section.
     example: &'static str,
-    /// What makes a whole file of the example: what stands before it and behind.
+    /// The text before and after the example that makes it a whole file.
     around: [&'static str; 2],
 }
 
@@ -182,7 +182,7 @@ fn line(value: &Value) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|")
 }
 
-/// What a key takes, in a few words.
+/// Describes the values that a key takes, in a few words.
 fn takes(defs: &Value, of: &Value) -> String {
     if let Some(name) = of["$ref"].as_str().and_then(|path| path.rsplit('/').next()) {
         if let Some(section) = SECTIONS.iter().find(|section| section.of == name) {

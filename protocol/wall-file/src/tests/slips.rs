@@ -3,7 +3,8 @@
 use super::{check, error};
 use crate::load;
 
-/// What follows `[wall]` on the second line, the column of the slip, and what is said of it.
+/// The text that follows `[wall]` on the second line, the column of the slip, and the error about
+/// it.
 const SLIPS: &[(&str, u32, &str)] = &[
     // Commas of lists.
     ("a = [4.0 2.25]", 6, "a comma is missing between array elements; write 4.0, 2.25"),

@@ -8,7 +8,7 @@ use crate::document::{
     AdjustSection, BendSection, EdgesSection, Pair, Row, ScalarOrRgb, WarpObj, WarpZero,
 };
 
-/// What a channel's table says; `None` where it would say nothing.
+/// Returns a channel's table; `None` if it would be empty.
 pub(super) fn section(wall: &Wall, channel: &Channel) -> Option<AdjustSection> {
     let adjustment = &channel.adjustment;
     let path = |index: Option<u16>| Some(wall.files.get(usize::from(index?))?.path.clone());
@@ -54,7 +54,7 @@ pub(super) fn section(wall: &Wall, channel: &Channel) -> Option<AdjustSection> {
     changed(section)
 }
 
-/// What is the default anyway is not written.
+/// Returns the value; `None` if it is the default, which is not written.
 fn changed<T: Default + PartialEq>(value: T) -> Option<T> {
     (value != T::default()).then_some(value)
 }

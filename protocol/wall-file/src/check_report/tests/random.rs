@@ -94,7 +94,7 @@ fn calibration(kind: CalibrationFileKind, seed: u32) -> CalibrationMap {
     }
 }
 
-/// The same wall with calibration files that were read.
+/// Returns the wall with calibration files that were read.
 fn with_shapes(wall: &Wall, seed: u32) -> (Wall, WallGeometry) {
     let mut wall = wall.clone();
     let mut made = Vec::new();
