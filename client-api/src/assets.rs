@@ -34,7 +34,7 @@ pub struct Assets {
     pictures: Vec<Bytes>,
 }
 
-/// Why assets cannot be sent.
+/// The reason why assets cannot be sent.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AssetError {
     /// A mesh whose arrays do not fit.
@@ -51,7 +51,7 @@ pub enum AssetError {
         /// The fault, and what would be right.
         what: String,
     },
-    /// A material that names what is not there, or has a number that is none.
+    /// A material that names what is not there, or has an invalid number.
     #[error("material {material}: {what}")]
     Material {
         /// Its index among those that were added.

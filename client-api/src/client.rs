@@ -109,8 +109,8 @@ impl Client {
         matches!(self.link.shared.connection(), Ok(Some(_)))
     }
 
-    /// The life of the manager that this client talks to, or has talked to last. Another one after
-    /// a reconnection says that the manager was started anew.
+    /// Returns the epoch of the manager that this client talks to, or has talked to last. Another
+    /// one after a reconnection means that the manager was restarted.
     pub fn epoch(&self) -> Epoch {
         self.link.shared.epoch()
     }
@@ -132,7 +132,7 @@ impl Client {
         }
     }
 
-    /// Why there is no connection, or none any more; `None` while there is one.
+    /// Returns the reason why there is no connection, or none any more; `None` while there is one.
     pub fn close_reason(&self) -> Option<String> {
         self.link.shared.end_reason()
     }
@@ -294,7 +294,7 @@ impl Client {
     /// Draws and shows one frame on all channels; returns what it became.
     ///
     /// A frame that no display showed is no error: a wall may have no servers yet, and goes on
-    /// without those that it loses. [`FrameFeedback::shown`] says who saw it.
+    /// without those that it loses. [`FrameFeedback::shown`] tells which displays showed it.
     ///
     /// # Errors
     /// [`ClientError`].

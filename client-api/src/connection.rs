@@ -26,8 +26,8 @@ const WRITE_TIME_MAX: Duration = Duration::from_secs(30);
 /// messages, and its goodbye is received.
 const CLOSE_TIME_MAX: Duration = Duration::from_secs(1);
 
-/// Runs a connection until it ends, and further ones where it may be made again; then tells
-/// everyone who waits.
+/// Runs a connection until it ends, and further ones if it may be made again; then fails all
+/// waiting requests.
 pub(crate) fn run_connection<S, D, F>(
     frames: MessageStream<S>,
     shared: Arc<Shared>,
@@ -104,7 +104,8 @@ where
     }
 }
 
-/// Ends the connection where its future is dropped with its runtime: nobody must wait for ever.
+/// Ends the connection when its future is dropped with its runtime, so that no caller waits
+/// indefinitely.
 struct CloseOnDrop(Arc<Shared>);
 
 impl Drop for CloseOnDrop {
@@ -185,7 +186,7 @@ where
     Ok(())
 }
 
-/// Tells those whose time is over, for ever.
+/// Fails requests whose time is over, indefinitely.
 async fn expire(shared: &Shared) -> CloseReason {
     loop {
         let moved = shared.deadline_moved.notified();

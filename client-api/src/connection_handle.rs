@@ -56,9 +56,9 @@ struct State {
     session: u64,
     /// `true` if this client has asked the manager to end; it then makes no other connection.
     has_stopped: bool,
-    /// Why there is no connection now, while another one is tried.
+    /// The reason why there is no connection now, while another one is tried.
     lost: Option<CloseReason>,
-    /// Why there is none any more.
+    /// The reason why the client has ended.
     end: Option<CloseReason>,
 }
 
@@ -80,7 +80,7 @@ pub(crate) struct Outgoing {
     bytes: Bytes,
 }
 
-/// Why a connection ended.
+/// The reason why a connection ended.
 #[derive(Clone, Debug)]
 pub(crate) struct CloseReason {
     /// For a person.
@@ -96,7 +96,7 @@ impl CloseReason {
     }
 }
 
-/// Who waits for an answer, and the pieces that came until then, if they are wanted.
+/// The caller that waits for an answer, and the pieces that came until then, if they are wanted.
 #[derive(Debug)]
 struct Waiter {
     answer: oneshot::Sender<Result<CompletedResponse, ClientError>>,
@@ -260,7 +260,7 @@ impl Shared {
         self.lock().open.len()
     }
 
-    /// Why there is no connection; `None` while there is one.
+    /// Returns the reason why there is no connection; `None` while there is one.
     pub fn end_reason(&self) -> Option<String> {
         let state = self.lock();
         state.end.as_ref().or(state.lost.as_ref()).map(|end| end.reason.clone())
@@ -274,7 +274,7 @@ impl Shared {
     /// The life of the manager where there is a connection, `None` where one is tried.
     ///
     /// # Errors
-    /// Why there will be none.
+    /// The reason why there will be none.
     pub fn connection(&self) -> Result<Option<Epoch>, ClientError> {
         let state = self.lock();
         let closed = |end: &CloseReason| ClientError::Closed {
@@ -327,7 +327,7 @@ impl Shared {
         self.tell_of_end(sent, end);
     }
 
-    /// Why the last attempt to connect has failed.
+    /// Stores the reason why the last attempt to connect has failed.
     pub fn note_reason(&self, reason: &str) {
         self.lock().lost = Some(CloseReason::lost(reason));
     }
@@ -458,7 +458,7 @@ impl Shared {
         }
     }
 
-    /// The connection has ended: tells everyone who waits. The first reason holds.
+    /// Ends the client: every waiting request fails with this reason. The first reason holds.
     pub fn handle_end(&self, end: &CloseReason) {
         let (open, readers) = {
             let state = &mut *self.lock();
@@ -489,7 +489,7 @@ impl Shared {
     }
 }
 
-/// A caller who gave up in this very moment does not want to know.
+/// Delivers an answer; it is dropped if the caller has just given up.
 fn deliver(
     waiter: oneshot::Sender<Result<CompletedResponse, ClientError>>,
     answer: Result<CompletedResponse, ClientError>,

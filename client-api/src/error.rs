@@ -26,7 +26,7 @@ pub enum ClientError {
         /// The resolver's reason.
         source: io::Error,
     },
-    /// Nobody listens there.
+    /// No program listens there.
     #[error("no manager at {address} ({source}); start one with: polyptych manager WALL.toml")]
     NoManager {
         /// Host and port.
@@ -34,7 +34,7 @@ pub enum ClientError {
         /// The system's reason.
         source: io::Error,
     },
-    /// Somebody may listen there, but does not say who.
+    /// A program may listen there, but does not introduce itself.
     #[error(
         "{address} did not introduce itself as a manager within {after:?}; \
          is the address right, and does a firewall stand between?"
@@ -91,7 +91,7 @@ pub enum ClientError {
         request: &'static str,
         /// Host and port.
         address: String,
-        /// Why the connection ended.
+        /// The reason why the connection ended.
         reason: String,
     },
     /// The request was not sent: the connection was lost, and did not come back in time.
@@ -106,7 +106,7 @@ pub enum ClientError {
         address: String,
         /// The time that it waited; [`crate::ReconnectPolicy::wait`] sets it.
         after: Duration,
-        /// Why there is no connection.
+        /// The reason why there is no connection.
         reason: String,
     },
     /// The connection ended while the request was open.
@@ -119,7 +119,7 @@ pub enum ClientError {
         request: &'static str,
         /// Host and port.
         address: String,
-        /// Why the connection ended.
+        /// The reason why the connection ended.
         reason: String,
     },
     /// The manager said goodbye while the request was open.

@@ -8,8 +8,9 @@ use std::time::{Duration, Instant};
 
 use polyptych_protocol::ids::RequestId;
 
-/// Most requests of one connection that wait for an answer: seventeen seconds of a camera set 60
-/// times a second that nobody answers. An application that has more open has lost its pace.
+/// Maximum number of requests of one connection that wait for an answer: seventeen seconds of a
+/// camera set 60 times a second without any answer. An application that has more open has lost its
+/// pace.
 pub const OPEN_REQUESTS_MAX: usize = 1024;
 
 /// Beyond what a clock can say: a year, which no connection lasts.
@@ -22,7 +23,7 @@ pub(crate) struct OpenRequest<W> {
     pub request: &'static str,
     /// The time that it may take.
     pub after: Duration,
-    /// Who waits.
+    /// The receiver of the answer.
     pub waiter: W,
     /// `true` once the connection task has begun to write it.
     pub is_sent: bool,
@@ -62,7 +63,7 @@ impl<W> InFlight<W> {
         Some(id)
     }
 
-    /// A number for a request whose answer nobody waits for.
+    /// Returns a number for a request whose answer is ignored.
     pub fn number(&mut self) -> RequestId {
         self.next += 1;
         RequestId(self.next - 1)
@@ -122,7 +123,7 @@ impl<W> InFlight<W> {
         Some(open)
     }
 
-    /// Who waits for the answer to this request.
+    /// Returns the receiver of the answer to this request.
     pub fn waiter_mut(&mut self, id: RequestId) -> Option<&mut W> {
         self.open.get_mut(&id).map(|open| &mut open.waiter)
     }

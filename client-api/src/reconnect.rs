@@ -45,7 +45,7 @@ impl<D> Reconnector<D> {
     /// Connects again.
     ///
     /// # Errors
-    /// Why there will be no connection any more: nobody wants one, or it took too long.
+    /// The reason why there will be no connection any more: it is not wanted, or it took too long.
     pub async fn connect<S, F>(
         &mut self,
         shared: &Shared,

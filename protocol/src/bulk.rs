@@ -33,7 +33,7 @@ pub enum BulkToServer {
     Missing {
         /// The requested blob.
         hash: BlobHash,
-        /// Why it does not come.
+        /// The reason.
         reason: String,
     },
 }

@@ -58,7 +58,7 @@ pub enum Shown {
     ByAll,
     /// At least one channel, but not every one.
     BySome,
-    /// No channel: nobody saw the frame.
+    /// No channel of the wall.
     ByNone,
 }
 
@@ -86,7 +86,7 @@ pub struct FrameFeedback {
 }
 
 impl FrameFeedback {
-    /// Returns which displays showed the frame. A frame is done whether or not anybody saw it: a
+    /// Returns which displays showed the frame. A frame is done even if no display showed it: a
     /// wall without servers makes frames too, which are [`Shown::ByNone`].
     pub fn shown(&self) -> Shown {
         match (self.shown_channels().next(), self.missing_channels().next()) {
@@ -123,7 +123,7 @@ pub struct ChannelFeedback {
     pub state: ChannelState,
     /// For how long it had been in that state.
     pub since_ms: u64,
-    /// Why it is not live, where there is a reason.
+    /// The reason why it is not live, if there is one.
     #[serde(deserialize_with = "text_of_peer")]
     pub reason: Option<String>,
     /// The last present call that is known, in microseconds of manager time: that of an earlier

@@ -1,4 +1,4 @@
-//! The first words of a connection: who speaks which version, in which role.
+//! The first messages of a connection: each side's protocol version and role.
 //!
 //! ```text
 //! peer     -> "PLYP" | version u16 LE | role u8 | 0     8 bytes, the same in every version
@@ -66,7 +66,7 @@ pub struct Preamble {
     pub role: Role,
 }
 
-/// Why eight bytes are no preamble, or not one to go on from.
+/// The reason why eight bytes are no preamble, or not one to continue with.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PreambleError {
     /// Some other protocol.
@@ -216,7 +216,7 @@ pub struct ServerHello {
     pub name: String,
     /// The channels that it claims, by name.
     pub channels: Vec<String>,
-    /// Its process id, for an operator who wants to look at it.
+    /// Its process id, for an operator.
     pub pid: u32,
     /// The server's graphics adapter.
     pub adapter: Adapter,
@@ -251,7 +251,7 @@ pub enum HelloReply {
     Welcome(Welcome, Proof),
 }
 
-/// Why a peer may not come in.
+/// The reason why a peer is refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Rejection {
     /// For the log and the operator.

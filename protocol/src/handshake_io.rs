@@ -1,6 +1,6 @@
 //! The handshake on a byte stream, from both ends.
 //!
-//! Neither end waits here for ever: callers put [`crate::limits::HANDSHAKE_TIME_MAX`] around it.
+//! Neither end has a time limit here: callers apply [`crate::limits::HANDSHAKE_TIME_MAX`].
 
 use futures_util::{SinkExt, StreamExt};
 use polyptych_codec::DecodeError;
@@ -16,7 +16,7 @@ use crate::limits::{BULK_BYTES_MAX, HANDSHAKE_BYTES_MAX, MESSAGE_BYTES_MAX};
 /// A byte stream cut into messages.
 pub type MessageStream<S> = Framed<S, LengthDelimitedCodec>;
 
-/// Why two ends did not come together.
+/// The reason why a handshake failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ConnectionError {
     /// The stream failed.
@@ -192,7 +192,7 @@ where
     Ok(())
 }
 
-/// Tells a peer of any version that it may not come in, before it said who it is.
+/// Refuses a peer of any version before it has introduced itself.
 ///
 /// # Errors
 /// [`ConnectionError`] where it is none of ours, and was told nothing.

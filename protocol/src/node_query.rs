@@ -24,7 +24,7 @@ pub struct NodeQuery {
     pub name: Option<String>,
     /// This one, and what hangs from it at any depth.
     pub below: Option<NodeId>,
-    /// That have an attribute of this key, and of this value where one is given.
+    /// An attribute's key, and its value if given, that the nodes have.
     pub attribute: Option<(String, Option<Attribute>)>,
     /// In this layer, their own or that of the nearest node above them that has one.
     pub layer: Option<String>,

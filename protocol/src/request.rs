@@ -185,8 +185,8 @@ pub enum Request {
     /// of scene time; answered once its place is known. What ends a tour ends it, and so does the
     /// end of the node.
     FollowNode(Follow),
-    /// Asks how far one comes who walks or flies through the open scene, as the state has it that
-    /// frames name.
+    /// Asks how far a walker comes through the open scene, on the ground or in flight; in the state
+    /// that frames name.
     FindWay(WalkQuery),
     /// Asks for a scene with all that was changed of it as a binary glTF file, whose pieces come
     /// before the answer. What is temporary is not in it.
@@ -408,7 +408,7 @@ pub struct StoppedServers {
     pub absent: Vec<String>,
 }
 
-/// Why a request was not done; the wall is as it was before.
+/// The reason why a request was not done; the wall is as it was before.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[error("{reason}")]
 pub struct RequestError {

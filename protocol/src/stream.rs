@@ -1,7 +1,7 @@
 //! The bytes under a connection: TCP, or what a transport of ours lays over it.
 //!
-//! Addresses that other machines reach are connected to in the clear only where somebody said
-//! `--insecure`: [`connect`] refuses them otherwise.
+//! Addresses that other machines reach are connected to in the clear only with `--insecure`:
+//! [`connect`] refuses them otherwise.
 
 use std::fmt;
 use std::io;
@@ -20,7 +20,7 @@ use crate::limits::HANDSHAKE_BYTES_MAX;
 /// First byte of every TLS connection: a record with a handshake message.
 const TLS_FIRST_BYTE: u8 = 0x16;
 
-/// The fatal alert `unexpected_message`: how somebody who speaks TLS is told that we don't.
+/// The fatal alert `unexpected_message`: tells a peer that speaks TLS that this end does not.
 const TLS_ALERT: [u8; 7] = [0x15, 3, 3, 0, 2, 2, 10];
 
 /// The idle time before the system probes whether the other end is there, the period of the probes,
@@ -90,8 +90,8 @@ pub fn tune(tcp: &TcpStream) -> io::Result<()> {
     SockRef::from(tcp).set_tcp_keepalive(&keepalive)
 }
 
-/// Makes room for connections that wait to be accepted: the 128 of the standard library are gone
-/// in milliseconds of a flood, and whoever comes then waits for a second or more.
+/// Makes room for connections that wait to be accepted: a flood fills the 128 of the standard
+/// library within milliseconds, and later peers wait for a second or more.
 ///
 /// # Errors
 /// The system does not take it.
@@ -99,7 +99,7 @@ pub fn deepen_queue(listener: &std::net::TcpListener) -> io::Result<()> {
     SockRef::from(listener).listen(WAITING_MAX)
 }
 
-/// Why no manager was reached.
+/// The reason why no manager was reached.
 #[derive(Debug, thiserror::Error)]
 pub enum ConnectError {
     /// The address names no machine.
@@ -108,7 +108,7 @@ pub enum ConnectError {
     /// The address leads over a network, and there are no keys.
     #[error("{}", in_the_clear(.0))]
     InTheClear(SocketAddr),
-    /// Nobody listens there.
+    /// No program listens there.
     #[error("{0}")]
     Unreachable(io::Error),
 }

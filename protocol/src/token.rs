@@ -15,7 +15,7 @@ pub const TOKEN_FILE_VARIABLE: &str = "POLYPTYCH_TOKEN_FILE";
 /// Largest token that is read: ours have 32 characters.
 const TOKEN_BYTES_MAX: u64 = 256;
 
-/// Why there is no token.
+/// The reason why there is no token.
 #[derive(Debug, thiserror::Error)]
 pub enum TokenError {
     /// The manager makes it when it starts.

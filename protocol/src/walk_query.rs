@@ -1,4 +1,4 @@
-//! A question for the way of one who walks or flies through the open scene.
+//! A query for the way of a walker through the open scene, on the ground or in flight.
 
 use glam::DVec3;
 use polyptych_scene::NodeId;
@@ -17,11 +17,11 @@ pub struct WalkQuery {
     /// The way of the eye, in world space, in straight lines: 2 to [`WAY_POINTS_MAX`] points.
     /// Above ground their Y does not count, but for the first one's, below which the ground is.
     pub way: Vec<DVec3>,
-    /// Who goes it. One without a height and without a radius is refused: nothing can stop them.
+    /// The walker. One without a height and without a radius is refused: nothing can stop it.
     pub walker: Walker,
 }
 
-/// One who walks or flies; all in world units.
+/// A body that walks or flies; all in world units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Walker {
     /// The height of the eye above the ground, which it keeps, above 0; `None` flies.
@@ -31,7 +31,7 @@ pub struct Walker {
     /// `None` passes through.
     pub radius: Option<f64>,
     /// Greatest rise or fall of the ground within a sixteenth of `eye_height`, from 0 to
-    /// `eye_height`; a greater one ends the way. Of no use to one who flies.
+    /// `eye_height`; a greater one ends the way. Ignored in flight.
     pub step_height: f64,
 }
 
@@ -44,7 +44,7 @@ pub struct WalkedWay {
     /// hundredth of the height, or a tenth of the radius, from the way that was found. The first
     /// point is where it begins, above ground at the height of the eye.
     pub points: Vec<DVec3>,
-    /// Why it ends where it does.
+    /// The reason why it ends.
     pub end: WalkEnd,
 }
 
@@ -55,7 +55,7 @@ impl WalkedWay {
     }
 }
 
-/// Why a way ends.
+/// The reason why a way ends.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum WalkEnd {
     /// The last point that was asked for is reached.

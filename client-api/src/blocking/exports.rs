@@ -1,4 +1,4 @@
-//! Scenes as files, for those who wait.
+//! Scenes as files, for programs without tokio.
 
 use std::io::Write;
 

@@ -1,4 +1,4 @@
-//! Light, and the bounds of error and rate, for those who wait.
+//! Light, and the bounds of error and rate, for programs without tokio.
 
 use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::quality_bounds::QualityBounds;

@@ -1,4 +1,4 @@
-//! Saved scenes, for those who wait.
+//! Saved scenes, for programs without tokio.
 
 use polyptych_protocol::saved_scene::SavedScene;
 

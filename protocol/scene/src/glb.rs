@@ -113,7 +113,7 @@ impl<W: Write> GlbWriter<W> {
     /// Appends bytes, on a multiple of four; returns the index of their view.
     ///
     /// # Errors
-    /// That of the binary part, and a file that becomes too large.
+    /// The error of the binary part, or a file that becomes too large.
     pub fn view(&mut self, target: ViewTarget, bytes: &[u8]) -> io::Result<u32> {
         self.align()?;
         let (offset, length) = (self.length, bytes.len());

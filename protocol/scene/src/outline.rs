@@ -37,7 +37,7 @@ pub struct SceneOutline {
     variants: Vec<String>,
 }
 
-/// Why an edit cannot be. The scene is as it was.
+/// The reason why an edit is refused. The scene is as it was.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EditError {
     /// There is no such node.
@@ -70,7 +70,7 @@ pub enum EditError {
         /// The fault, and the fix.
         what: String,
     },
-    /// A layer that no node is in, or a name that is none.
+    /// A layer that no node is in, or an invalid name.
     #[error("layer {layer}: {what}")]
     Layer {
         /// Its name.

@@ -37,8 +37,8 @@ pub struct SceneEdits {
     bytes: u64,
 }
 
-/// [`SceneEdits`] as they are encoded; what follows from the entries is made anew, whatever a peer
-/// says of it.
+/// [`SceneEdits`] as they are encoded. All that follows from the entries is computed again; a
+/// peer's values for it are ignored.
 #[derive(Deserialize)]
 struct Entries {
     nodes: SharedMap<NodeId, NodeEdits>,

@@ -10,13 +10,13 @@ use crate::encrypted_stream::EncryptedStream;
 use crate::identity::NodeIdentity;
 use crate::limited_stream::LimitedStream;
 
-/// Takes a connection in: with keys only over TLS, and whoever comes must have shown a
-/// certificate; without only in the clear. Who it is comes with the stream.
+/// Accepts a connection: with keys only over TLS and from peers with a certificate, without keys
+/// only in the clear. Returns the stream, with the peer's identity if there are keys.
 ///
 /// The caller puts [`polyptych_protocol::limits::HANDSHAKE_TIME_MAX`] around it.
 ///
 /// # Errors
-/// Why the peer may not come in; it was told so, as far as it can understand.
+/// The reason why the peer is refused; it was told so, as far as it can understand.
 pub async fn accept(
     tcp: TcpStream,
     keys: Option<&Credentials>,

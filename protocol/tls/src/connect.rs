@@ -10,7 +10,7 @@ use crate::describe::describe;
 use crate::encrypted_stream::EncryptedStream;
 use crate::limited_stream::LimitedStream;
 
-/// Why no manager was reached.
+/// The reason why no manager was reached.
 #[derive(Debug, thiserror::Error)]
 pub enum ConnectError {
     /// There is no connection, encrypted or not.

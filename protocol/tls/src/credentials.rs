@@ -183,7 +183,7 @@ impl Credentials {
         &self.warnings
     }
 
-    /// That they are this node's.
+    /// Checks that the credentials belong to this node.
     ///
     /// # Errors
     /// [`CredentialsError::AnotherNode`].
@@ -223,7 +223,8 @@ impl Credentials {
         if let TlsSide::Manager(acceptor) = &self.side { Some(acceptor) } else { None }
     }
 
-    /// The side of everyone else, and whom to expect; `None` for a manager's keys.
+    /// The side of all other nodes, and the name of the peer to expect; `None` for a manager's
+    /// keys.
     pub(crate) fn connector(&self) -> Option<(&TlsConnector, &ServerName<'static>)> {
         if let TlsSide::Node(connector, name) = &self.side { Some((connector, name)) } else { None }
     }

@@ -14,7 +14,7 @@ use crate::limited_stream::LimitedStream;
 #[derive(Debug)]
 pub(crate) struct EncryptedStream(pub TlsStream<LimitedStream>);
 
-/// An error with its kind, so that whoever asks for that still learns it.
+/// Returns an error of the same kind, described in words.
 fn in_words(error: io::Error) -> io::Error {
     if error.get_ref().is_none() {
         return error;

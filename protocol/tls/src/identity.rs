@@ -1,4 +1,4 @@
-//! Who a certificate says that a node is: its role and its name.
+//! The identity of a node in its certificate: its role and its name.
 //!
 //! A certificate names its node by one DNS name that is looked up nowhere: `manager.polyptych`,
 //! `NAME.server.polyptych` or `NAME.client.polyptych`. Addresses stand in no certificate, so that

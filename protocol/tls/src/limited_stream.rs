@@ -1,4 +1,4 @@
-//! A bound on what a stranger may send.
+//! A limit on what an unauthenticated peer may send.
 
 use std::io;
 use std::pin::Pin;
@@ -8,7 +8,7 @@ use polyptych_protocol::limits::HANDSHAKE_BYTES_MAX;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::TcpStream;
 
-/// A TCP stream from which only so much comes until its peer has shown who it is.
+/// A TCP stream with a read limit that is lifted after authentication.
 #[derive(Debug)]
 pub(crate) struct LimitedStream {
     tcp: TcpStream,

@@ -21,7 +21,7 @@ use crate::ChannelId;
 /// tell apart some kilometres from the origin of display space.
 pub const EYE_DISTANCE_MIN_M: f64 = 1e-9;
 
-/// Why there is no frustum.
+/// The reason why there is no frustum.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FrustumError {
     /// The wall has no channel of this id, or the channel names no screen of the wall.

@@ -12,8 +12,8 @@ pub const SCREENS_MAX: usize = 256;
 /// Most files that a wall refers to: three for each channel, and one for each screen.
 pub const WALL_FILES_MAX: usize = 3 * CHANNELS_MAX + SCREENS_MAX;
 
-/// Most control points of a channel's bend: 32 × 32 are more than anybody moves by hand, and finer
-/// maps come as files.
+/// Maximum number of control points of a channel's bend: 32 × 32 are more than a person moves by
+/// hand, and finer maps come as files.
 pub const BEND_POINTS_MAX: usize = 1024;
 
 /// Most changes of one tuning: a whole grid of points, and all else that a channel has.
@@ -64,7 +64,7 @@ pub const HEARTBEAT_DEFAULT: Duration = Duration::from_secs(2);
 /// Shortest frame deadline by default: a scheduler's slice must not make a channel late.
 pub const DEADLINE_MIN_DEFAULT: Duration = Duration::from_millis(50);
 
-/// Longest frame deadline by default: nobody should look at a frozen wall for longer.
+/// Maximum frame deadline by default: a wall should not be frozen for longer.
 pub const DEADLINE_MAX_DEFAULT: Duration = Duration::from_secs(2);
 
 /// The deadline by default, as a multiple of the wall's median draw time.

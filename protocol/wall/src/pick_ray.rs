@@ -23,7 +23,7 @@ impl Ray {
     }
 }
 
-/// Why there is no ray.
+/// The reason why there is no ray.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PickError {
     /// There is no such screen.

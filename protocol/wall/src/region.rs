@@ -75,7 +75,7 @@ pub enum Relation {
     Disjoint,
 }
 
-/// Why a region cannot be asked about.
+/// The reason why a region cannot be queried.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RegionError {
     /// A coordinate is NaN, infinite or too large.

@@ -1,5 +1,5 @@
-//! Some places of what stands in a file, with their normals: enough to tell where no eye can be,
-//! for those who decide that and do not have the file.
+//! Samples of a file's surface, with their normals: enough to tell where no eye can be without the
+//! file itself.
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};

@@ -72,7 +72,7 @@ pub struct Tour {
     pub is_loop: bool,
 }
 
-/// Why stops are not a tour.
+/// The reason why stops are not a tour.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TourError {
     /// There are none, or too many.

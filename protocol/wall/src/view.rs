@@ -88,13 +88,13 @@ pub enum Area {
     },
 }
 
-/// Why views cannot be shown.
+/// The reason why views cannot be shown.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ViewError {
     /// More than a frame may have.
     #[error("{0} views, where {VIEWS_MAX} can be, the wall's own among them")]
     TooMany(usize),
-    /// Its camera is none.
+    /// Its camera is invalid.
     #[error("{0}")]
     Camera(String),
     /// The angle or the height of a camera's own picture.

@@ -46,7 +46,7 @@ const SIDE_STEP: f64 = 32.0;
 /// Source pixels that one sample stands for: linear filtering reaches over two.
 const TAP_SPACING: f64 = 1.5;
 
-/// Why a channel has no source.
+/// The reason why a channel has no source.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum AtlasError {
     /// No pixel is lit.

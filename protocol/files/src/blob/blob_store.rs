@@ -15,7 +15,7 @@ use super::BlobReader;
 use super::temporary::{Abandoned, place, remove_abandoned};
 use crate::blob::{BLOB_BYTES_MAX, BlobHash};
 
-/// Why a blob could not be read or written.
+/// The reason why a blob could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum BlobError {
     /// The file system says so.

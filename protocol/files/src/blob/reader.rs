@@ -1,4 +1,4 @@
-//! A blob read piece by piece: whoever sends one over a slow link holds only a piece of it.
+//! A blob read piece by piece: a sender over a slow link holds only a piece of it.
 
 use std::fs::{self, File};
 use std::io::Read;

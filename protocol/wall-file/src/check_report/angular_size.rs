@@ -71,7 +71,8 @@ pub(super) fn angle(a: DVec3, b: DVec3) -> f64 {
 /// The very plan that a server draws a channel by, with textures of the weakest supported driver.
 ///
 /// # Errors
-/// Why a server cannot draw the channel: nothing of it is lit, or the eye is on or behind it.
+/// The reason why a server cannot draw the channel: nothing of it is lit, or the eye is on or
+/// behind it.
 pub(super) fn plan(
     of: ResolvedWall<'_>,
     maps: &CalibrationMaps,

@@ -73,7 +73,7 @@ pub struct ChannelRow {
     /// The mode of its frustum: `shared` or `own`; `warp` if its pixels are no even grid on a
     /// plane.
     pub projection: &'static str,
-    /// Why numbers are left out, if any are.
+    /// The reason why numbers are left out, if any are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unknown: Option<String>,
 }

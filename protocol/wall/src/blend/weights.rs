@@ -199,8 +199,8 @@ impl<'l, 'w> Raster<'l, 'w> {
         self.fill(block, &here, is_lit, put);
     }
 
-    /// The shares of a cell among those who may light it; `is_lit` says that all of it lies on the
-    /// screen.
+    /// The weights of a cell for the channels that may light it; `is_lit` says that all of it lies
+    /// on the screen.
     fn fill(
         &self,
         cell: &Cell,

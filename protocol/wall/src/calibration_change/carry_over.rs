@@ -25,7 +25,7 @@ pub struct DroppedTuning {
     pub channel: String,
     /// The keys that are lost, as commands call them: `pin, gain`.
     pub keys: String,
-    /// Why they are not valid.
+    /// The reason why they are not valid.
     pub reason: String,
 }
 

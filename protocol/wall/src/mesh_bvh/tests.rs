@@ -57,8 +57,8 @@ fn the_back_of_a_sheet_is_known() {
     assert!(!hit.is_front, "{hit:?}");
 }
 
-/// Two sheets behind each other: the first one stands before the second, whose own points are
-/// found all the same by who asks near them.
+/// Two sheets behind each other: a ray meets the first one, and still finds points of the second
+/// one if it is asked near them.
 #[test]
 fn a_ray_meets_the_first_layer_or_the_one_that_is_asked_for() {
     let (mut near, far) = (sheet(4, |_| 1.0), sheet(4, |_| -1.0));

@@ -52,7 +52,7 @@ fn warp(mesh: ImportedMesh) -> WarpMap {
     WarpMap { space: MapCoordinates::Display, shape: WarpGeometry::Mesh(mesh) }
 }
 
-/// That a channel's mesh shows at its pixels what the file has there, and nothing beside it.
+/// Checks that a channel's mesh shows at its pixels what the file has there, and nothing beside it.
 fn check(
     channel: &Channel,
     screen: &Screen,
