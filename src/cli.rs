@@ -23,9 +23,11 @@ mod progress;
 mod query;
 mod remote;
 mod replay;
+mod rest;
 mod scene;
 mod seen;
 mod server;
+mod session;
 pub(crate) mod shutdown_signal;
 mod simulate;
 mod status;
@@ -111,6 +113,8 @@ enum Command {
     Blank(displays::Arguments),
     /// Let every display keep what it shows
     Freeze(displays::Arguments),
+    /// Let displays go dark by themselves, or say when they do
+    Rest(rest::Arguments),
     /// Let every channel draw a test pattern
     Pattern(pattern::Arguments),
     /// Adjust a channel of a running wall: corners, bend, light, blends
@@ -152,6 +156,9 @@ enum Command {
     /// Generate a scene, list the open one, or close it
     #[command(subcommand)]
     Scene(scene::Scene),
+    /// Save all that the wall shows under a name, and open it again
+    #[command(subcommand)]
+    Session(session::Session),
     /// Change a node of the open scene
     #[command(subcommand)]
     Node(node::NodeCommand),
@@ -252,6 +259,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Identify(arguments) => return displays::run(OutputMode::Identify, &arguments),
         Command::Blank(arguments) => return displays::run(OutputMode::Blank, &arguments),
         Command::Freeze(arguments) => return displays::run(OutputMode::Freeze, &arguments),
+        Command::Rest(arguments) => rest::run(&arguments),
         Command::Pattern(arguments) => return pattern::run(&arguments),
         Command::Tune(arguments) => return calibrate::run(&arguments),
         Command::Bound(arguments) => bound::run(&arguments),
@@ -269,6 +277,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Wall(wall) => return wall::run(&wall),
         Command::Replay(arguments) => return replay::run(&arguments),
         Command::Scene(scene) => return scene::run(&scene),
+        Command::Session(session) => return session::run(&session),
         Command::Pick(arguments) => return query::pick(&arguments),
         Command::Query(query) => return query::run(&query),
         Command::Node(command) => return node::run(&command),

@@ -17,10 +17,12 @@
 
 mod captures;
 mod clips;
+mod displays;
 mod exports;
 mod quality;
 mod saved_scenes;
 mod scene_space;
+mod sessions;
 mod tours;
 mod variants;
 

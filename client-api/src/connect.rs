@@ -95,6 +95,7 @@ impl Timeouts {
         match request {
             Request::OpenScene { .. }
             | Request::OpenOutcome { .. }
+            | Request::OpenSession { .. }
             | Request::ExportScene { .. } => self.open_scene,
             Request::Capture { .. } | Request::Preview => self.capture,
             _ => self.other,

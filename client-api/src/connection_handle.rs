@@ -183,7 +183,7 @@ impl ConnectionHandle {
         // tokio's clock, which tests own.
         let now = tokio::time::Instant::now().into_std();
         let full = || ClientError::TooManyOpen { request: name, limit: OPEN_REQUESTS_MAX };
-        let is_job = matches!(request, Request::OpenScene { .. });
+        let is_job = matches!(request, Request::OpenScene { .. } | Request::OpenSession { .. });
         let waiter = Waiter { answer, parts, progress, is_job, session: 0 };
         // Without a connection it waits for one first.
         let first_after = if state.lost.is_some() { shared.wait() } else { after };

@@ -249,6 +249,9 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientErr
         Response::Way(_) => "a way",
         Response::Layers(_) => "layers",
         Response::Clips(_) => "animations",
+        Response::SessionOpened(_) => "an opened session",
+        Response::SceneFiles(_) => "scene files",
+        Response::Sessions(_) => "sessions",
         Response::Variants(_) => "variants",
         Response::Exported(_) => "an exported scene",
     };

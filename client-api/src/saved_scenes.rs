@@ -1,7 +1,8 @@
-//! Scenes as they were edited, which the manager keeps under names.
+//! Scenes that the manager has: files, and scenes as they were edited under names.
 
 use polyptych_protocol::request::{Request, Response};
 use polyptych_protocol::saved_scene::SavedScene;
+use polyptych_protocol::scene_file_list::SceneFileList;
 
 use crate::client::Client;
 use crate::error::{ClientError, wrong_answer};
@@ -24,6 +25,17 @@ impl Client {
         match self.request(Request::ListSavedScenes).await? {
             Response::SavedScenes(scenes) => Ok(scenes),
             other => Err(wrong_answer("list the saved scenes", &other)),
+        }
+    }
+
+    /// Returns the scene files in the manager's scene folders, by path.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn scene_files(&self) -> Result<SceneFileList, ClientError> {
+        match self.request(Request::ListSceneFiles).await? {
+            Response::SceneFiles(list) => Ok(list),
+            other => Err(wrong_answer("list the scene files", &other)),
         }
     }
 

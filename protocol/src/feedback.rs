@@ -10,6 +10,7 @@ use crate::ids::{Digest, Epoch, FrameId, Revision};
 use crate::presentation::Presentation;
 use crate::progress::Opening;
 use crate::quality_bounds::DrawnDetail;
+use crate::screen_rest::RestStatus;
 use crate::transaction::AssetNumbers;
 
 /// The state of a channel.
@@ -215,6 +216,9 @@ pub struct WallStatus {
     #[serde(default)]
     #[serde(deserialize_with = "text_of_peer")]
     pub environment: Option<String>,
+    /// The rules by which displays go dark by themselves, and whether they are.
+    #[serde(default)]
+    pub rest: RestStatus,
 }
 
 /// A channel as it stands.

@@ -15,6 +15,8 @@
 //! ```
 
 pub mod bulk;
+pub mod calibration_marker;
+mod capture_info;
 pub mod clip;
 pub mod command;
 pub mod delivery;
@@ -39,6 +41,9 @@ pub mod progress;
 pub mod quality_bounds;
 pub mod request;
 pub mod saved_scene;
+pub mod saved_session;
+pub mod scene_file_list;
+pub mod screen_rest;
 pub mod server_message;
 pub mod state_log;
 pub mod stored_view;

@@ -6,6 +6,7 @@ use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
+use crate::calibration_marker::CalibrationMarker;
 use crate::output_mode::OutputMode;
 use crate::pattern::TestPattern;
 use crate::quality_bounds::QualityBounds;
@@ -37,6 +38,9 @@ pub struct Presentation {
     /// Fog between the eye and what it sees.
     #[serde(default)]
     pub fog: Option<Fog>,
+    /// A point that its channel lights over a pattern. It ends with the manager.
+    #[serde(default)]
+    pub marker: Option<CalibrationMarker>,
 }
 
 impl Presentation {
@@ -53,6 +57,7 @@ impl Presentation {
             tone: ToneMapper::default(),
             is_exposure_automatic: false,
             fog: None,
+            marker: None,
         }
     }
 

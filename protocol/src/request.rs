@@ -2,7 +2,6 @@
 //!
 //! Every request has exactly one answer, which carries its number.
 
-use bytes::Bytes;
 use polyptych_scene::{Bounds, Fog, SceneFeatures, ToneMapper};
 use polyptych_text::text_of_peer;
 use polyptych_wall::Wall;
@@ -12,6 +11,8 @@ use polyptych_wall::tour::Tour;
 use polyptych_wall::view::View;
 use serde::{Deserialize, Serialize};
 
+use crate::calibration_marker::CalibrationMarker;
+pub use crate::capture_info::{CaptureInfo, ImageInfo, ReplyChunk};
 use crate::clip::{ClipChange, ClipStatus, ClipSummary};
 use crate::command::Goodbye;
 use crate::delivery::Delivery;
@@ -20,7 +21,7 @@ use crate::exported_scene::ExportedScene;
 use crate::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
 use crate::follow::Follow;
 use crate::head_update::HeadUpdate;
-use crate::ids::{FrameId, RequestId, Revision};
+use crate::ids::{RequestId, Revision};
 use crate::node_query::{
     LayerInfo, NearestPoint, NearestQuery, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,
 };
@@ -29,6 +30,9 @@ use crate::pattern::TestPattern;
 use crate::progress::OpenProgress;
 use crate::quality_bounds::QualityBounds;
 use crate::saved_scene::SavedScene;
+use crate::saved_session::{OpenedSession, SavedSession};
+use crate::scene_file_list::SceneFileList;
+use crate::screen_rest::RestRules;
 use crate::stored_view::StoredView;
 use crate::tour_status::TourStatus;
 use crate::transaction::Transaction;
@@ -216,6 +220,33 @@ pub enum Request {
     /// that the wall draws by itself, or of the last one, drawn once more at its own scene time.
     /// The frame waits for no channel longer than others do.
     Preview,
+    /// Keeps all that the wall shows and how it shows it under a name, in the place of what had
+    /// that name: the scene with all that was changed of it, camera, head, views, stored views,
+    /// tour, light, surroundings, bounds, modes and pace. The wall's calibration is no part of it.
+    SaveSession {
+        /// See [`SavedSession::name`].
+        name: String,
+    },
+    /// Shows a saved session in the place of all that is shown; answered once every live channel
+    /// can draw it.
+    OpenSession {
+        /// The name that it was saved under.
+        name: String,
+    },
+    /// Asks for all saved sessions.
+    ListSessions,
+    /// Forgets a saved session.
+    RemoveSession {
+        /// The name that it was saved under.
+        name: String,
+    },
+    /// Lights a point of a channel over its test pattern, or none, from the next frame on. A wall
+    /// that is paused makes one for it.
+    MarkPoint(Option<CalibrationMarker>),
+    /// Asks for the scene files in the manager's scene folders.
+    ListSceneFiles,
+    /// Sets the rules by which displays go dark by themselves.
+    SetRest(RestRules),
 }
 
 impl Request {
@@ -269,6 +300,13 @@ impl Request {
             Self::ListVariants => "list the variants",
             Self::SetAutomaticExposure => "set the automatic exposure",
             Self::SetFog(_) => "set the fog",
+            Self::SaveSession { .. } => "save the session",
+            Self::OpenSession { .. } => "open the session",
+            Self::ListSessions => "list the sessions",
+            Self::RemoveSession { .. } => "remove the session",
+            Self::MarkPoint(_) => "mark the point",
+            Self::ListSceneFiles => "list the scene files",
+            Self::SetRest(_) => "set the rest of the displays",
         }
     }
 }
@@ -363,6 +401,12 @@ pub enum Response {
     Clips(Vec<ClipStatus>),
     /// To [`Request::ListVariants`].
     Variants(VariantList),
+    /// To [`Request::OpenSession`].
+    SessionOpened(Box<OpenedSession>),
+    /// To [`Request::ListSessions`]: by name.
+    Sessions(Vec<SavedSession>),
+    /// To [`Request::ListSceneFiles`].
+    SceneFiles(SceneFileList),
 }
 
 impl Response {
@@ -382,9 +426,12 @@ impl Response {
             | Self::Exported(_)
             | Self::Layers(_)
             | Self::Clips(_)
-            | Self::Variants(_) => false,
+            | Self::Variants(_)
+            | Self::Sessions(_)
+            | Self::SceneFiles(_) => false,
             Self::Done
             | Self::SceneOpened(_)
+            | Self::SessionOpened(_)
             | Self::Frame(_)
             | Self::Captured(_)
             | Self::Tuned(_)
@@ -448,42 +495,4 @@ pub struct SceneSummary {
     /// Its animations.
     #[serde(default)]
     pub clips: Vec<ClipSummary>,
-}
-
-/// The pictures of one frame.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CaptureInfo {
-    /// The frame that they all show.
-    pub frame: FrameId,
-    /// One for each screen, then one for each channel.
-    pub pictures: Vec<ImageInfo>,
-    /// Channels that sent none, with the reason; their part of the screen is left dark.
-    #[serde(deserialize_with = "text_of_peer")]
-    pub missing: Vec<(String, String)>,
-}
-
-/// The content of a picture.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct ImageInfo {
-    /// The name of the screen or channel.
-    #[serde(deserialize_with = "text_of_peer")]
-    pub name: String,
-    /// `true` if it is a whole screen, stitched.
-    pub is_screen: bool,
-    /// Pixels across.
-    pub width: u32,
-    /// Pixels down.
-    pub height: u32,
-}
-
-/// At most [`polyptych_files::blob::CHUNK_BYTES_MAX`] bytes of a picture (sRGB RGBA8, rows from
-/// the top) or of a file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ReplyChunk {
-    /// The request that it answers.
-    pub id: RequestId,
-    /// Its place in [`CaptureInfo::pictures`]; 0 for a file.
-    pub index: u32,
-    /// The bytes, following those that came before.
-    pub bytes: Bytes,
 }

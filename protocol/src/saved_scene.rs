@@ -26,12 +26,18 @@ pub struct SavedScene {
 
 /// Returns what is wrong with the name of a saved scene, if anything.
 pub fn name_fault(name: &str) -> Option<String> {
+    kept_name_fault("a saved scene's name", name)
+}
+
+/// Returns what is wrong with a name under which the manager keeps something, if anything. `what`
+/// begins the message: "a saved scene's name".
+pub(crate) fn kept_name_fault(what: &str, name: &str) -> Option<String> {
     if (1..=NAME_BYTES_MAX).contains(&name.len()) && printable(name) == name {
         return None;
     }
     let shown = printable(&name[..name.floor_char_boundary(NAME_BYTES_MAX)]).into_owned();
     Some(format!(
-        "a saved scene's name has 1 to {NAME_BYTES_MAX} bytes without control characters; this \
+        "{what} has 1 to {NAME_BYTES_MAX} bytes without control characters; this \
          one has {} bytes: {shown}",
         name.len()
     ))

@@ -8,6 +8,7 @@
 mod canvas;
 mod diagnostic;
 mod display;
+mod marker;
 mod pixel_positions;
 #[cfg(test)]
 mod tests;
@@ -15,6 +16,7 @@ mod tests;
 use glam::{DVec3, UVec2};
 use image::{Rgba, RgbaImage, imageops};
 use pixel_positions::PixelPositions;
+use polyptych_protocol::calibration_marker::MarkedPoint;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_renderer::{Label, LabelPosition};
 use polyptych_wall::calibration_maps::CalibrationMaps;
@@ -74,8 +76,8 @@ fn picture(
     })
 }
 
-/// Returns a pattern's picture as the channel's display gets it. Its light is blended and coloured,
-/// unless the pattern shows just that; then it is mirrored, packed for both eyes and turned.
+/// The same as the channel's display gets it: its light shared and coloured, unless that is what
+/// it shows; over it the point that is marked, if one is; then mirrored, for both eyes and turned as it hangs.
 ///
 /// # Errors
 /// Those of [`picture`].
@@ -84,13 +86,16 @@ pub(crate) fn draw_pattern<'a>(
     maps: &CalibrationMaps,
     id: ChannelId,
     pattern: TestPattern,
-    eye: DVec3,
+    (eye, mark): (DVec3, Option<MarkedPoint>),
 ) -> Result<RgbaImage, String> {
     let shaped = of.into();
     let mut upright = picture(shaped, id, pattern, eye)?;
     let channel = shaped.wall.channel(id).ok_or("the channel is not on the wall any more")?;
     if !pattern.bypasses_color() {
         diagnostic::apply_blend(&mut upright, shaped, maps, id);
+    }
+    if let Some((point, map)) = mark.zip(shaped.channel_mapping(id)) {
+        marker::draw(&mut upright, channel, &map, point);
     }
     Ok(hung(&channel.adjustment, &upright))
 }

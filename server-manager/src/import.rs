@@ -170,19 +170,17 @@ pub(crate) fn read_manifest(folder: &BlobStore, hash: BlobHash) -> Result<Import
     Ok(Import { scene, blobs })
 }
 
-/// A scene that was saved, with all that was changed of it.
-pub(crate) fn read_saved(
+/// A scene with all that was changed of it, under the name that it has now.
+pub(crate) fn read_edited(
     folder: &BlobStore,
-    name: &str,
     EditedScene { scene, edits, next_node }: EditedScene,
 ) -> Result<Import, String> {
-    let gone = |reason| format!("the saved scene {name} is not whole any more: {reason}");
-    let mut import = read_manifest(folder, scene.manifest).map_err(gone)?;
+    let mut import = read_manifest(folder, scene.manifest)?;
     for set in edits.assets() {
-        import.blobs.extend(read_manifest(folder, set.manifest).map_err(gone)?.blobs);
+        import.blobs.extend(read_manifest(folder, set.manifest)?.blobs);
     }
-    name.clone_into(&mut import.scene.scene.name);
-    name.clone_into(&mut import.scene.summary.name);
+    import.scene.summary.name.clone_from(&scene.name);
+    import.scene.scene.name = scene.name;
     (import.scene.edits, import.scene.next_node) = (edits, next_node);
     Ok(import)
 }

@@ -2,6 +2,7 @@
 
 mod capturing;
 mod clients;
+mod day_clock;
 mod exporting;
 mod importing;
 mod metrics_snapshot;
@@ -41,7 +42,6 @@ use crate::import::Baker;
 use crate::recorded_cluster::RecordedCluster;
 use crate::recorder::Recorder;
 use crate::requests::Turns;
-use crate::scene_store::SceneFile;
 use crate::server_session::ServerHandle;
 use crate::session::{EVENTS_MAX, Event};
 use crate::state_file::keeper::Keeper;
@@ -197,7 +197,8 @@ struct EventLoop {
     /// The progress that bakers report.
     progress: (mpsc::Sender<Baking>, mpsc::Receiver<Baking>),
     queries: Queries,
-    scene_store: Option<saving::SharedStore>,
+    stores: Option<saving::Stores>,
+    day_clock: day_clock::DayClock,
     /// Exports that may begin.
     exports: Arc<Semaphore>,
     allowed: BlobAllowlist,
@@ -239,10 +240,7 @@ impl EventLoop {
         let allowed = BlobAllowlist::default();
         allowed.allow(&options.wall.blobs().collect::<Vec<_>>());
         let blobs = BlobStore::new(options.baker.store.join("blobs"));
-        let scene_store = options.memory.as_ref().map(|path| {
-            let file = SceneFile::new(path.with_extension("scenes"));
-            Arc::new(file) as saving::SharedStore
-        });
+        let stores = options.memory.as_deref().map(saving::Stores::beside);
         let (cluster, state) = startup::start_cluster(&mut options, epoch, &allowed);
         let keeper = state.map(Keeper::of).transpose().map_err(ManagerError::Thread)?;
         Ok(Self {
@@ -255,7 +253,8 @@ impl EventLoop {
             asset_bakes: Vec::new(),
             progress: mpsc::channel(16),
             queries: Queries::new(blobs.clone()),
-            scene_store,
+            stores,
+            day_clock: day_clock::DayClock::default(),
             exports: Arc::new(Semaphore::new(exporting::EXPORTS_MAX)),
             allowed,
             traffic: Traffic::default(),
@@ -321,6 +320,7 @@ impl EventLoop {
             while let Ok(imported) = self.imported.1.try_recv() {
                 self.handle_imported(imported);
             }
+            self.tell_minute();
             self.pass_time(inbox.is_empty());
             self.finish_collections();
             self.follow_scene();
@@ -364,7 +364,7 @@ impl EventLoop {
         let held = self.keeper.as_ref().and_then(Keeper::due).map(Instant::from_std);
         let capture = self.collections.iter().map(|(expires, _)| *expires).min();
         let an_hour = Instant::now() + Duration::from_hours(1);
-        due.into_iter().chain(held).chain(capture).min().unwrap_or(an_hour)
+        due.into_iter().chain(held).chain(capture).chain(self.next_look()).min().unwrap_or(an_hour)
     }
 
     fn welcome(&self, session: SessionId) -> Welcome {
@@ -461,6 +461,7 @@ impl EventLoop {
                 }
                 Effect::Answer { to, answer } => self.answer(to, answer),
                 Effect::Import { job, path, scene } => self.import(job, path, scene),
+                Effect::OpenSession { job, name } => self.read_session(job, name),
                 Effect::Collect { job, frame, channels, missing } => {
                     self.begin_collection(job, frame, &channels, missing);
                 }

@@ -1,7 +1,7 @@
 //! The state that a manager keeps over a restart: a small file that is there whole or not at all.
 //!
 //! ```text
-//! PLYPSTA4 | BLAKE3 of what follows, 32 bytes | encoded wall without paths | encoded Memory
+//! PLYPSTA5 | BLAKE3 of what follows, 32 bytes | encoded wall without paths | encoded Memory
 //! ```
 //!
 //! The last letter is the version of the form.
@@ -26,8 +26,8 @@ pub(crate) use reconcile::{Reconciled, reconcile};
 /// A wall fits into a message, tuned or not.
 const MEMORY_BYTES_MAX: u64 = 2 * MESSAGE_BYTES_MAX as u64;
 
-/// The first bytes of a file of this version.
-const MAGIC: [u8; 8] = *b"PLYPSTA4";
+/// How the file begins: one that begins otherwise is another program's, and is not written over.
+const MAGIC: [u8; 8] = *b"PLYPSTA5";
 
 /// The first bytes of files of all versions: a file that begins otherwise is another program's, and
 /// is not written over.
@@ -191,6 +191,7 @@ mod tests {
     use polyptych_protocol::pattern::TestPattern;
     use polyptych_protocol::presentation::Presentation;
     use polyptych_protocol::request::Pacing;
+    use polyptych_protocol::screen_rest::RestRules;
     use polyptych_protocol::stored_view::StoredView;
     use polyptych_scene::{Bounds, NodeId, SceneEdits};
     use polyptych_wall::ChannelCalibration;
@@ -220,6 +221,7 @@ mod tests {
                 tone: polyptych_scene::ToneMapper::Aces,
                 is_exposure_automatic: true,
                 fog: Some(polyptych_scene::Fog::even(300.0)),
+                marker: None,
             },
             pace: Some(Pacing::Rate(60.0)),
             tunings: vec![(
@@ -251,6 +253,7 @@ mod tests {
                 clock: TourClock::Waiting { at_s: 2.5 },
             }),
             clips: PlayedClips::default(),
+            rest: RestRules { idle_s: Some(600.0), hours: None },
         };
         let wall = Wall { scenes: vec!["../here".into()], ..Wall::new("w", vec![], vec![]) };
         StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");

@@ -82,6 +82,11 @@ const EXAMPLES: &[(&str, &[&str])] = &[
             "polyptych scene import tower.gltf name=tower scale=0.01",
         ],
     ),
+    ("rest", &["polyptych rest --after 1800 --hours 09:00-18:00", "polyptych rest --off"]),
+    ("session save", &["polyptych session save evening"]),
+    ("session open", &["polyptych session open evening"]),
+    ("session list", &["polyptych session list", "polyptych session list --json"]),
+    ("session delete", &["polyptych session delete evening"]),
     ("scene save", &["polyptych scene save evening"]),
     ("scene list", &["polyptych scene list", "polyptych scene list --json"]),
     (

@@ -138,6 +138,9 @@ CALLS: Dict[str, Callable[[Client, Arguments], Any]] = {
         decode(polyptych.QualityBounds, given["bounds"])
     ),
     "set_environment": set_environment,
+    "set_rest": lambda client, given: client.set_rest(
+        given["idle_s"], decode(Optional[polyptych.LitHours], given["hours"])
+    ),
     "start_rendering": start_rendering,
     "play_tour": lambda client, given: client.play_tour(decode(polyptych.Tour, given["tour"])),
     "commit": commit,

@@ -16,7 +16,7 @@ from typing import Any, Dict, List
 import patterns
 from step_failed import StepFailed
 
-FILES = ("pictures", "edits", "questions", "presentation", "refusals")
+FILES = ("pictures", "edits", "questions", "presentation", "sessions", "refusals")
 
 
 def main(arguments: List[str]) -> int:

@@ -1,5 +1,6 @@
 //! The manager over HTTP: the same requests as over TCP, who may ask them, and what cannot harm it.
 
+mod alignment;
 mod console;
 mod hostile;
 mod page;

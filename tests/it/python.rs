@@ -126,7 +126,7 @@ fn the_same_cases_hold_for_the_rust_client() {
 /// All cases, by their names, in the order in which runners take them.
 fn cases() -> Vec<(String, Value)> {
     let mut all = Vec::new();
-    for file in ["pictures", "edits", "questions", "presentation", "refusals"] {
+    for file in ["pictures", "edits", "questions", "presentation", "sessions", "refusals"] {
         let parsed = parsed(&format!("{file}.json"));
         for case in parsed["cases"].as_array().expect("cases") {
             all.push((format!("{file}: {}", case["name"]), case.clone()));

@@ -1,5 +1,6 @@
-//! Scenes that are kept as they were edited, also when the manager is killed.
+//! Scenes that are kept as they were edited, and sessions, also when the manager is killed.
 
+use image::RgbaImage;
 use polyptych_client::glam::DVec3;
 use polyptych_client::{Camera, ChannelState, NodeQuery};
 use serde_json::Value;
@@ -26,6 +27,14 @@ fn a_saved_scene_is_what_it_was_after_a_kill() {
         (local.run(&["scene", "tree"]).succeeded(), screen_of(&shot(&local.client(), VIEW)));
     local.run(&["node", "remove", "crate"]).succeeded();
     local.run(&["scene", "save", "bare"]).succeeded();
+    local.run(&["exposure", "1"]).succeeded();
+    local.run(&["view", "save", "quay"]).succeeded();
+    local.run(&["session", "save", "show"]).succeeded();
+    let (session, lit) =
+        (local.run(&["scene", "tree"]).succeeded(), screen_of(&shot(&local.client(), VIEW)));
+    local.run(&["session", "save", "show"]).succeeded();
+    local.run(&["exposure", "0"]).succeeded();
+    local.run(&["view", "remove", "quay"]).succeeded();
     local.run(&["scene", "save", "a\tb"]).failed(&["without control characters"]);
 
     local.manager.kill();
@@ -43,6 +52,8 @@ fn a_saved_scene_is_what_it_was_after_a_kill() {
     local.run(&["open", "saved:evening", "--keep-camera"]).succeeded();
     assert_eq!(local.run(&["scene", "tree"]).succeeded(), tree);
     check("opened", &screen_of(&shot(&local.client(), VIEW)), &picture, &IDENTICAL);
+    check_session(&local, &session, &lit);
+    local.run(&["open", "saved:evening", "--keep-camera"]).succeeded();
     // It goes on as before: what is made gets a number that was never given.
     local.run(&["node", "add", "name=next"]).succeeded();
     let nodes = local.client().find_all_nodes(NodeQuery::default()).expect("found");
@@ -51,4 +62,22 @@ fn a_saved_scene_is_what_it_was_after_a_kill() {
     local.run(&["scene", "remove", "evening"]).succeeded();
     local.run(&["scene", "remove", "evening"]).failed(&["no scene is saved as evening"]);
     assert_eq!(local.run(&["scene", "list"]).succeeded(), "bare: post, 1 edited node");
+}
+
+/// A session shows what it showed: the scene with its edits, the light and the camera.
+fn check_session(local: &LocalWall, tree: &str, picture: &RgbaImage) {
+    let list = local.run(&["session", "list"]).succeeded();
+    assert_eq!(list, "show: post, 0 views, 1 stored view");
+    local.client().set_camera(Camera::IDENTITY).expect("set");
+    local.run(&["session", "open", "show"]).succeeded();
+    assert_eq!(local.run(&["scene", "tree"]).succeeded(), tree);
+    let client = local.client();
+    assert_eq!(client.presentation().expect("shown").camera, VIEW);
+    assert_eq!(client.stored_views().expect("stored")[0].name, "quay");
+    let capture = client.capture().expect("pictures");
+    check("session", &screen_of(&capture), picture, &IDENTICAL);
+    client.set_exposure(1.0).expect("set");
+    local.run(&["session", "open", "shaw"]).failed(&["no session is saved as shaw", "show"]);
+    local.run(&["session", "delete", "show"]).succeeded();
+    assert_eq!(local.run(&["session", "list"]).succeeded(), "");
 }

@@ -32,6 +32,7 @@ from .records import Mismatch, decode, encode
 from .requests import WireRequest, name_of, variant
 from .scene import SceneSummary
 from .scene_calls import SceneCalls
+from .session_calls import SessionCalls
 from .transport import Answer, Call, Transport
 from .wall import Wall
 
@@ -42,7 +43,7 @@ _PREVIEW_WIDTH = 960
 _CAPTURE = "capture the wall"
 
 
-class Client(SceneCalls, QueryCalls, CameraCalls, DisplayCalls):
+class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
     """A connection with a wall's manager, over its HTTP interface.
 
     The same calls drive one channel or thirty. Calls of several threads are done one after another;
@@ -142,7 +143,7 @@ class Client(SceneCalls, QueryCalls, CameraCalls, DisplayCalls):
         :raises ValueError: it is no request of the wire.
         """
         kind = variant(request)
-        is_long = kind in ("OpenScene", "OpenOutcome")
+        is_long = kind in ("OpenScene", "OpenOutcome", "OpenSession")
         timeouts = self._options.timeouts
         timeout_s = timeouts.open_scene if is_long else timeouts.other
         return self._post_request(request, Call("", "", "", timeout_s))

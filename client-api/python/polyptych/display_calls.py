@@ -8,6 +8,7 @@ from .camera import Camera
 from .feedback import (
     Fog,
     FrameFeedback,
+    LitHours,
     OutputMode,
     QualityBounds,
     Statistics,
@@ -97,6 +98,25 @@ class DisplayCalls(Requests):
         """
         asked: Dict[str, Any] = {"channel": channel, "changes": list(changes)}
         return self._ask({"Tune": asked}, "Tuned", Tuned)
+
+    def mark_point(self, channel: Optional[str], point: Optional[Dict[str, Any]] = None) -> None:
+        """Lights a point of a channel over its test pattern; ``None`` lights no point.
+
+        :param point: in the form of the wire: ``{"Corner": "upper-left"}``, ``{"Edge": "left"}``
+            or ``{"Bend": {"column": 1, "row": 0}}``.
+        """
+        marker = None if channel is None else {"channel": channel, "point": point}
+        self._do({"MarkPoint": marker})
+
+    def set_rest(
+        self, idle_s: Optional[float] = None, hours: Optional[LitHours] = None
+    ) -> None:
+        """Sets when displays go dark by themselves; never with neither. The manager keeps it.
+
+        :param idle_s: seconds without a request that changes what the wall shows.
+        :param hours: the part of a day in which displays are lit.
+        """
+        self._do({"SetRest": {"idle_s": idle_s, "hours": hours}})
 
     def statistics(self, reset: bool = False) -> Statistics:
         """Returns what the frames took since the last reset; ``reset`` begins anew afterwards."""

@@ -243,6 +243,31 @@ class ChannelStatus:
 
 
 @dataclass(frozen=True)
+class LitHours:
+    """The part of a day in which displays are lit, in minutes since midnight at the manager."""
+
+    from_min: int
+    #: The minute after the last; before ``from_min`` for hours across midnight.
+    until_min: int
+
+
+@dataclass(frozen=True)
+class RestRules:
+    """The rules by which displays go dark by themselves."""
+
+    idle_s: Optional[float] = None
+    hours: Optional[LitHours] = None
+
+
+@dataclass(frozen=True)
+class RestStatus:
+    """The rules, and whether displays are dark by them."""
+
+    rules: RestRules = RestRules()
+    is_resting: bool = False
+
+
+@dataclass(frozen=True)
 class WallStatus:
     """The wall as it stands."""
 
@@ -268,6 +293,7 @@ class WallStatus:
     memory_bytes: int = 0
     resolution_scale: float = 1.0
     environment: Optional[str] = None
+    rest: RestStatus = RestStatus()
 
 
 @dataclass(frozen=True)

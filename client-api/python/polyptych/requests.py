@@ -58,6 +58,13 @@ _NAMES: Dict[str, str] = {
     "ListVariants": "list the variants",
     "SetAutomaticExposure": "set the automatic exposure",
     "SetFog": "set the fog",
+    "SaveSession": "save the session",
+    "OpenSession": "open the session",
+    "ListSessions": "list the sessions",
+    "RemoveSession": "remove the session",
+    "MarkPoint": "mark the point",
+    "ListSceneFiles": "list the scene files",
+    "SetRest": "set the rest of the displays",
 }
 
 

@@ -89,6 +89,26 @@ class SceneSummary:
 
 
 @dataclass(frozen=True)
+class SceneFileInfo:
+    """A scene file of the manager."""
+
+    #: The path by which it is opened.
+    path: str
+    bytes: int
+    #: Seconds since 1970, UTC; 0 if it is not known.
+    changed_at_s: int
+
+
+@dataclass(frozen=True)
+class SceneFileList:
+    """The scene files in the manager's scene folders."""
+
+    files: List[SceneFileInfo]
+    #: ``True`` if there are more than could be listed.
+    is_cut: bool
+
+
+@dataclass(frozen=True)
 class SavedScene:
     """An entry in the list of saved scenes; ``saved:NAME`` opens it."""
 

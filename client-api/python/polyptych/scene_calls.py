@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Dict, List, Optional, Union
 
 from .requests import Requests
-from .scene import ClipStatus, Edited, LayerInfo, SavedScene, VariantList
+from .scene import ClipStatus, Edited, LayerInfo, SavedScene, SceneFileList, VariantList
 from .transaction import Transaction
 
 
@@ -76,6 +76,10 @@ class SceneCalls(Requests):
     def clips(self) -> List[ClipStatus]:
         """Returns the animations of the open scene, in the order of their numbers."""
         return self._ask("ListClips", "Clips", List[ClipStatus])
+
+    def scene_files(self) -> SceneFileList:
+        """Returns the scene files in the manager's scene folders, by path."""
+        return self._ask("ListSceneFiles", "SceneFiles", SceneFileList)
 
     def save_scene(self, name: str) -> None:
         """Keeps the open scene with all that was changed of it; ``saved:NAME`` opens it."""

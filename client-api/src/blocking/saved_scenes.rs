@@ -1,6 +1,7 @@
 //! Saved scenes, for programs without tokio.
 
 use polyptych_protocol::saved_scene::SavedScene;
+use polyptych_protocol::scene_file_list::SceneFileList;
 
 use super::{Client, wait};
 use crate::error::ClientError;
@@ -20,6 +21,14 @@ impl Client {
     /// [`ClientError`].
     pub fn saved_scenes(&self) -> Result<Vec<SavedScene>, ClientError> {
         wait(self.inner.saved_scenes())
+    }
+
+    /// Blocking version of [`crate::Client::scene_files`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn scene_files(&self) -> Result<SceneFileList, ClientError> {
+        wait(self.inner.scene_files())
     }
 
     /// Blocking version of [`crate::Client::remove_saved_scene`].

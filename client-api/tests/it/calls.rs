@@ -46,6 +46,7 @@ fn status() -> WallStatus {
         memory_bytes: 0,
         resolution_scale: 1.0,
         environment: None,
+        rest: polyptych_client::RestStatus::default(),
     }
 }
 

@@ -286,7 +286,7 @@ fn patterns_of_light_are_not_corrected_and_others_are() {
     color.gain = DVec3::new(1.0, 0.25, 1.0);
     color.curve = TransferFunction::Gamma(DVec3::splat(2.0));
     let see = |pattern| {
-        draw_pattern(&wall, &CalibrationMaps::default(), ChannelId(0), pattern, DVec3::ZERO)
+        draw_pattern(&wall, &CalibrationMaps::default(), ChannelId(0), pattern, (DVec3::ZERO, None))
     };
     let [bars, border] =
         [TestPattern::ColorBars, TestPattern::Border].map(|p| see(p).expect("drawn"));
@@ -340,7 +340,7 @@ fn displays_get_it_as_they_hang() {
                 &CalibrationMaps::default(),
                 ChannelId(0),
                 TestPattern::Ramp,
-                DVec3::ZERO,
+                (DVec3::ZERO, None),
             )
             .expect("drawn");
             assert_eq!(image.dimensions(), wall.channels[0].display_size().into(), "{turn:?}");
@@ -357,7 +357,7 @@ fn displays_get_it_as_they_hang() {
         &CalibrationMaps::default(),
         ChannelId(0),
         TestPattern::Ramp,
-        DVec3::ZERO,
+        (DVec3::ZERO, None),
     )
     .expect("drawn");
     // The viewer's upper left is mirrored to the upper right, which is the display's lower right.
@@ -372,4 +372,33 @@ fn a_channel_that_a_file_maps_says_so() {
     let image = draw(&wall, 0, TestPattern::Grid);
     assert!(image.pixels().filter(|pixel| pixel.0[0] > 100).count() > 100, "there are words");
     assert_eq!(draw(&wall, 0, TestPattern::Border), draw(&single(), 0, TestPattern::Border));
+}
+
+#[test]
+fn the_marked_point_is_lit_where_calibration_has_it() {
+    use polyptych_wall::calibration_change::{Corner, Edge};
+    let mut wall = single();
+    let adjustment = &mut wall.channels[0].adjustment;
+    adjustment.pin[0] = DVec2::new(40.0, 30.0);
+    let moves = (0..9).map(|at| DVec2::splat(if at == 4 { 12.0 } else { 0.0 }));
+    adjustment.bend = Some(ControlGrid { points: UVec2::splat(3), moves: moves.collect() });
+    let see = |mark| {
+        let maps = CalibrationMaps::default();
+        draw_pattern(&wall, &maps, ChannelId(0), TestPattern::Border, (DVec3::ZERO, Some(mark)))
+            .expect("drawn")
+    };
+    let red = [255, 32, 32];
+    let corner = see(MarkedPoint::Corner(Corner::UpperLeft));
+    let is_red = |image: &RgbaImage, at: DVec2| {
+        (-4..=4).any(|by| rgb(image, (at.x as i32 + by) as u32, at.y as u32) == red)
+    };
+    assert!(is_red(&corner, DVec2::new(40.0, 30.0)), "the pinned corner, nearly where it was put");
+    let middle = see(MarkedPoint::Bend { column: 1, row: 1 });
+    assert_eq!(rgb(&middle, 160 + 12, 90 + 12), red);
+    assert_eq!(middle.pixels().filter(|of| of.0[..3] == red).count(), 21, "one mark");
+    let right = see(MarkedPoint::Edge(Edge::Right));
+    assert_eq!(rgb(&right, 319, 90), red);
+    // A point that the bend has no more is not lit.
+    let gone = see(MarkedPoint::Bend { column: 9, row: 9 });
+    assert!(gone.pixels().all(|of| of.0[..3] != red));
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::DVec3;
+use polyptych_protocol::calibration_marker::MarkedPoint;
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_renderer::{DrawStats, Gpu, OutputTexture};
@@ -18,6 +19,7 @@ use crate::pattern;
 pub(super) struct PatternImage {
     pattern: TestPattern,
     eye: DVec3,
+    mark: Option<MarkedPoint>,
     wall: Wall,
     picture: OutputTexture,
 }
@@ -28,11 +30,11 @@ impl PatternImage {
         (shaped, maps): (ResolvedWall<'_>, &CalibrationMaps),
         id: ChannelId,
         pattern: TestPattern,
-        eye: DVec3,
+        (eye, mark): (DVec3, Option<MarkedPoint>),
     ) -> Result<Self, String> {
-        let image = pattern::draw_pattern(shaped, maps, id, pattern, eye)?;
+        let image = pattern::draw_pattern(shaped, maps, id, pattern, (eye, mark))?;
         let picture = OutputTexture::of_pixels(gpu, [image.width(), image.height()], &image);
-        Ok(Self { pattern, eye, wall: shaped.wall.clone(), picture })
+        Ok(Self { pattern, eye, mark, wall: shaped.wall.clone(), picture })
     }
 
     /// Returns whether a new image would equal this one. Tunings of other channels matter to few
@@ -62,8 +64,10 @@ impl RenderThread {
     ) -> Result<DrawStats, String> {
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
         let eye = frame.presentation.head.eye(Eye::Center);
+        let mark = frame.presentation.marker.as_ref();
+        let mark = mark.filter(|mark| mark.channel == channel.name).map(|mark| mark.point);
         let known = self.patterns.remove(&channel.name);
-        let known = known.filter(|known| known.is_of(wall, id, pattern, eye));
+        let known = known.filter(|of| of.mark == mark && of.is_of(wall, id, pattern, eye));
         let drawn = if let Some(known) = known {
             known
         } else {
@@ -71,7 +75,7 @@ impl RenderThread {
             let maps = state.map(|state| state.maps.clone()).unwrap_or_default();
             let shapes = state.map(|state| Arc::clone(&state.shapes)).unwrap_or_default();
             let shaped = ResolvedWall { wall, shapes: &shapes };
-            PatternImage::new(&self.gpu, (shaped, &maps), id, pattern, eye)?
+            PatternImage::new(&self.gpu, (shaped, &maps), id, pattern, (eye, mark))?
         };
         let (size, output) = (drawn.picture.size(), &mut self.outputs[index]);
         let target = output.ensure_target(&self.gpu, size, (wall.samples, is_linear))?;

@@ -97,6 +97,7 @@ impl Cluster {
             memory_bytes: 0,
             resolution_scale: self.resolution_scale(),
             environment: self.shown.environment.as_ref().map(|of| of.name.clone()),
+            rest: self.rest.status(),
         }
     }
 

@@ -7,6 +7,7 @@ use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{Digest, FrameId, Revision};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
+use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::quality_bounds::DetailBound;
 use polyptych_protocol::request::Response;
 use polyptych_protocol::server_message::FrameRendered;
@@ -307,12 +308,13 @@ impl Cluster {
     }
 
     fn describe_frame(&self, time_s: f64, capture: bool, detail: DetailBound) -> Frame {
+        let output_mode = self.rest.output_mode(self.presentation.output_mode);
         Frame {
             epoch: self.epoch,
             frame: self.frame,
             time_s,
             revision: self.shown.revision,
-            presentation: self.presentation.clone(),
+            presentation: Presentation { output_mode, ..self.presentation.clone() },
             capture,
             detail,
             clips: self.clips.times(),

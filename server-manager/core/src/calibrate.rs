@@ -1,5 +1,6 @@
 //! Tuning of the running wall: a change as others are, but many may come for one frame.
 
+use polyptych_protocol::calibration_marker::{CalibrationMarker, MarkedPoint};
 use polyptych_protocol::feedback::{FrameFeedback, Tuned};
 use polyptych_protocol::ids::{FrameId, Revision};
 use polyptych_protocol::request::Response;
@@ -103,6 +104,32 @@ impl Cluster {
             self.request_change(now, StateChange { operations: Vec::new(), purpose });
         }
         Ok(None)
+    }
+
+    /// Lights a point that calibration moves, or none.
+    ///
+    /// # Errors
+    /// There is no such channel, or its bend has no such point.
+    pub(super) fn mark_point(&mut self, marker: Option<CalibrationMarker>) -> Result<(), String> {
+        if let Some(CalibrationMarker { channel: name, point }) = &marker {
+            let Some((_, channel)) = self.wall.channel_by_name(name) else {
+                let names: Vec<_> = self.wall.channels.iter().map(|of| of.name.as_str()).collect();
+                return Err(format!(
+                    "this wall has no channel {name:?}; it has {}",
+                    names.join(", ")
+                ));
+            };
+            let points = channel.adjustment.bend.as_ref().map(|bend| bend.points);
+            if let MarkedPoint::Bend { column, row } = *point
+                && points.is_none_or(|points| column >= points.x || row >= points.y)
+            {
+                let bend = points.map_or("no bend".to_owned(), |of| format!("{}x{}", of.x, of.y));
+                return Err(format!("{name} has no point {column}.{row} of a bend; it has {bend}"));
+            }
+        }
+        self.presentation.marker = marker;
+        self.wants_frame = true;
+        Ok(())
     }
 
     /// The state that is shown from the next frame on has a tuned wall. Nothing is loaded for it,

@@ -8,13 +8,15 @@ use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::progress::{OpenProgress, OpenStage, Opening};
 use polyptych_protocol::request::{RequestError, Response, SceneSummary};
-use polyptych_protocol::state_log::{Operation, Replica};
+use polyptych_protocol::state_log::Replica;
 use polyptych_wall::ChannelId;
 
 use super::calibrate;
 use super::change_queue::{ChangeOrigin, InFlightChange, StateChange};
 use super::scene_editing::EditWaiter;
-use super::{ClientRequest, Cluster, ImportedScene, Micros, PlayedClips, SessionId};
+use super::{
+    ClientRequest, Cluster, ImportedScene, ImportedSession, Micros, PlayedClips, SessionId,
+};
 
 /// Maximum time for which a change waits for a server: enough for a large scene on a slow link.
 /// After this the wall goes on without its channels until they are ready.
@@ -34,25 +36,22 @@ impl Cluster {
         job: ClientRequest,
         imported: Result<ImportedScene, String>,
     ) {
-        // One of them, where a client gives several the same number.
-        if let Some(at) = self.imports.iter().position(|of| of.job == job) {
-            self.imports.remove(at);
-        }
+        self.end_import(job);
         match imported {
             Err(reason) => {
                 let tell = || tracing::warn!(reason, "a scene could not be opened");
                 self.request_span(job).in_scope(tell);
                 self.reply(job, Err(RequestError::new(reason)));
             }
-            Ok(ImportedScene { scene, summary, outline, edits, next_node }) => {
-                let mut operations = vec![Operation::OpenScene(scene)];
-                if !edits.is_empty() {
-                    operations.push(Operation::SetEdits(Box::new(edits)));
-                }
-                let (summary, outline) = (Some(*summary), Some(outline));
-                let purpose = ChangeOrigin::Scene { job, summary, outline, next_node };
-                self.request_change(now, StateChange { operations, purpose });
-            }
+            Ok(scene) => self.request_change(now, StateChange::opening(job, scene)),
+        }
+    }
+
+    /// What was read or baked for a client has come, or will not.
+    pub(super) fn end_import(&mut self, job: ClientRequest) {
+        // One of them, where a client gives several the same number.
+        if let Some(at) = self.imports.iter().position(|of| of.job == job) {
+            self.imports.remove(at);
         }
     }
 
@@ -197,10 +196,10 @@ impl Cluster {
         self.shown = replica;
         self.shown_digest = digest;
         match change.purpose {
-            ChangeOrigin::Scene { job, summary, outline, next_node } => {
+            ChangeOrigin::Scene { job, summary, outline, next_node, session } => {
                 self.editing.restart(self.shown.revision, outline);
                 self.editing.restore(self.shown.edits.clone(), next_node);
-                self.settle_scene(now, job, summary, &failed);
+                self.settle_scene(now, job, (summary, session), &failed);
             }
             ChangeOrigin::Edit { waiters } => {
                 self.commit_edits(now, &change.operations, waiters, &failed);
@@ -217,7 +216,7 @@ impl Cluster {
         &mut self,
         now: Micros,
         job: ClientRequest,
-        summary: Option<SceneSummary>,
+        (summary, session): (Option<SceneSummary>, Option<Box<ImportedSession>>),
         failed: &[(SessionId, String)],
     ) {
         self.deadline.restart();
@@ -237,7 +236,7 @@ impl Cluster {
         self.end_motion();
         self.end_subsets();
         self.navigator.bounds = summary.as_ref().and_then(|summary| summary.bounds);
-        let reply = if let Some(mut summary) = summary {
+        let opened = summary.map(|mut summary| {
             summary.revision = self.shown.revision;
             self.notes.clone_from(&summary.notes);
             let scene = &summary.name;
@@ -246,9 +245,12 @@ impl Cluster {
                 self.request_span(job).in_scope(tell);
             }
             self.features.extend(summary.features.names().into_iter().map(String::from));
-            Response::SceneOpened(summary)
-        } else {
-            Response::Done
+            summary
+        });
+        let reply = match (session, opened) {
+            (Some(session), opened) => self.show_session(now, *session, opened),
+            (None, Some(summary)) => Response::SceneOpened(summary),
+            (None, None) => Response::Done,
         };
         self.persist();
         self.reply(job, Ok(reply));

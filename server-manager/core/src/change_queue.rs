@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::calibrate::CalibrationWaiter;
 use super::change::CHANGES_MAX;
 use super::scene_editing::EditWaiter;
-use super::{ClientRequest, Micros, SessionId, progress};
+use super::{ClientRequest, ImportedScene, ImportedSession, Micros, SessionId, progress};
 
 /// Most edits that different transactions bring to one change: together they must fit into a
 /// message, and an edit takes at most 1.4 KiB.
@@ -39,6 +39,8 @@ pub(super) enum ChangeOrigin {
         outline: Option<Arc<SceneOutline>>,
         /// The number that its next node gets at least.
         next_node: u64,
+        /// What is shown with it, if it is that of a session.
+        session: Option<Box<ImportedSession>>,
     },
     /// An edit of the open scene.
     Edit { waiters: Vec<EditWaiter> },
@@ -52,7 +54,20 @@ impl StateChange {
     /// No scene, for a client that asks for that.
     pub fn closing(job: ClientRequest) -> Self {
         let operations = vec![Operation::CloseScene];
-        let purpose = ChangeOrigin::Scene { job, summary: None, outline: None, next_node: 0 };
+        let (summary, outline, session) = (None, None, None);
+        let purpose = ChangeOrigin::Scene { job, summary, outline, next_node: 0, session };
+        Self { operations, purpose }
+    }
+
+    /// A scene, for a client that opens it.
+    pub fn opening(job: ClientRequest, imported: ImportedScene) -> Self {
+        let ImportedScene { scene, summary, outline, edits, next_node } = imported;
+        let mut operations = vec![Operation::OpenScene(scene)];
+        if !edits.is_empty() {
+            operations.push(Operation::SetEdits(Box::new(edits)));
+        }
+        let (summary, outline) = (Some(*summary), Some(outline));
+        let purpose = ChangeOrigin::Scene { job, summary, outline, next_node, session: None };
         Self { operations, purpose }
     }
 

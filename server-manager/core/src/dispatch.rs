@@ -37,6 +37,7 @@ impl Cluster {
         if tracing::enabled!(Level::DEBUG) {
             self.request_span(job).in_scope(|| tracing::debug!(?request, "a client asks"));
         }
+        self.note_request(now, &request);
         match self.translate(now, job, request) {
             Ok(Some(reply)) => {
                 self.persist();
@@ -63,6 +64,7 @@ impl Cluster {
     ) -> Result<Option<Response>, String> {
         match request {
             Request::OpenScene { path, scene } => return self.import(job, path, scene),
+            Request::OpenSession { name } => return self.open_session(job, name),
             Request::OpenOutcome { session, of } => return self.claim_outcome(job, session, of),
             Request::CloseScene => {
                 self.request_change(now, StateChange::closing(job));
@@ -75,6 +77,8 @@ impl Cluster {
                 self.set_look(&request)?;
             }
             Request::SetAutomaticExposure => self.set_automatic_exposure(now),
+            Request::MarkPoint(marker) => self.mark_point(marker)?,
+            Request::SetRest(rules) => self.set_rest(now, rules)?,
             Request::SetBounds(bounds) => self.set_bounds(bounds)?,
             Request::SetEnvironment(source) => return self.set_environment(now, job, source),
             frame @ (Request::RenderFrame { .. }
@@ -95,6 +99,10 @@ impl Cluster {
             | Request::FindWay(_)
             | Request::ListSavedScenes
             | Request::RemoveSavedScene { .. }
+            | Request::SaveSession { .. }
+            | Request::ListSessions
+            | Request::RemoveSession { .. }
+            | Request::ListSceneFiles
             | Request::ExportScene { .. } => {
                 return Err("this manager answers no questions".into());
             }
@@ -197,6 +205,16 @@ impl Cluster {
                 "a scene's name has at most {NODE_NAME_BYTES_MAX} bytes; its number chooses it too"
             ));
         }
+        self.begin_import(job, progress::name_of(&path))?;
+        self.outputs.push_back(Effect::Import { job, path, scene });
+        Ok(None)
+    }
+
+    /// Notes that something is read or baked for a client before it can be shown.
+    ///
+    /// # Errors
+    /// There is too much of it already.
+    pub(super) fn begin_import(&mut self, job: ClientRequest, name: String) -> Result<(), String> {
         if self.imports.iter().filter(|of| of.job.client == job.client).count() >= IMPORTS_MAX {
             return Err(format!(
                 "{IMPORTS_MAX} scenes are being opened for this client already; await some first"
@@ -207,11 +225,9 @@ impl Cluster {
                 "{IMPORTS_OF_ALL_MAX} scenes are being opened already; ask again later"
             ));
         }
-        let name = progress::name_of(&path);
         self.outcomes.begin(job);
         self.imports.push(Importing { job, scene: name, progress: OpenProgress::NONE });
-        self.outputs.push_back(Effect::Import { job, path, scene });
-        Ok(None)
+        Ok(())
     }
 
     /// Orders the frame that a request asks for.

@@ -9,7 +9,7 @@ use polyptych_protocol::server_message::ServerMessage;
 use polyptych_scene::{FilePlace, NodeId};
 use serde::{Deserialize, Serialize};
 
-use super::{ClientRequest, Cluster, ImportedScene, Micros, SessionId};
+use super::{ClientRequest, Cluster, ImportedScene, ImportedSession, Micros, SessionId};
 
 /// One call of a `handle_*` function of [`Cluster`], without its `now`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -88,6 +88,18 @@ pub enum Input {
         /// The places of these nodes in its file.
         places: Result<Vec<(NodeId, FilePlace)>, String>,
     },
+    /// [`Cluster::handle_minute`].
+    Minute {
+        /// The minute of the day by the manager's clock, from 0 at midnight.
+        of_day: u16,
+    },
+    /// [`Cluster::handle_session`].
+    Session {
+        /// Who asked.
+        job: ClientRequest,
+        /// What came of reading it.
+        session: Result<Box<ImportedSession>, String>,
+    },
 }
 
 impl Cluster {
@@ -113,6 +125,8 @@ impl Cluster {
             }
             Input::Progress { job, progress } => self.handle_progress(job, progress),
             Input::Places { scene, places } => self.handle_places(scene, places),
+            Input::Minute { of_day } => self.handle_minute(now, of_day),
+            Input::Session { job, session } => self.handle_session(now, job, session),
             Input::Import { job, imported } => self.handle_import(now, job, imported),
         }
         Ok(())

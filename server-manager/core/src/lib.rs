@@ -34,7 +34,9 @@ mod progress;
 mod rate_bound;
 mod reduction;
 mod registry;
+mod rest;
 mod scene_editing;
+mod sessions;
 mod skew;
 mod snapshot;
 mod span;
@@ -72,6 +74,7 @@ use pace::Pacer;
 pub use persistent_state::PersistentState;
 use pipeline::Pipeline;
 use registry::Registry;
+pub use sessions::ImportedSession;
 use skew::SkewTracker;
 pub use snapshot::Snapshot;
 use statistics::StatisticsCollector;
@@ -118,6 +121,13 @@ pub enum Effect {
         path: String,
         /// The scene of the file, as the client gave it.
         scene: Option<String>,
+    },
+    /// Read this session and come back with [`Input::Session`].
+    OpenSession {
+        /// Who asked; names the import.
+        job: ClientRequest,
+        /// As the client gave it, looked at.
+        name: String,
     },
     /// Collect the pictures of a frame from these channels, stitch them and answer the client.
     Collect {
@@ -223,6 +233,8 @@ pub struct Cluster {
     following: Option<follow::Following>,
     #[serde(default)]
     clips: PlayedClips,
+    #[serde(default)]
+    rest: rest::Rest,
     pacer: Pacer,
     deadline: deadline::Deadline,
     #[serde(default)]
@@ -282,6 +294,7 @@ impl Cluster {
             tour: None,
             following: None,
             clips: PlayedClips::default(),
+            rest: rest::Rest::default(),
             pacer: Pacer::default(),
             deadline: deadline::Deadline::new(wall.deadline),
             rate_bound: rate_bound::RateBound::default(),
@@ -385,6 +398,7 @@ impl Cluster {
         self.expire_change(now);
         self.remember_navigation(now);
         self.meter_at_last(now);
+        self.update_rest(now);
         self.advance_frame(now);
     }
 
@@ -405,6 +419,7 @@ impl Cluster {
             self.changes.next_expiry(),
             self.navigator.remember_at,
             self.next_metering(),
+            self.next_rest(),
         ]
         .into_iter()
         .flatten()

@@ -113,6 +113,7 @@ impl Cluster {
         if camera == self.presentation.camera {
             return;
         }
+        self.note_use(now);
         self.place_camera(camera);
         self.navigator.count += 1;
         self.navigator.remember_at.get_or_insert(now + REMEMBER_WAIT);

@@ -4,6 +4,7 @@ use polyptych_protocol::environment::Environment;
 use polyptych_protocol::ids::{Epoch, Revision};
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::request::Pacing;
+use polyptych_protocol::screen_rest::RestRules;
 use polyptych_protocol::state_log::{Operation, SceneRef, check_wall_size};
 use polyptych_protocol::stored_view::StoredView;
 use polyptych_scene::{Bounds, Edit, NodeId, SceneEdits};
@@ -55,6 +56,9 @@ pub struct PersistentState {
     /// The surroundings of scenes, if not their own sky.
     #[serde(default)]
     pub environment: Option<Environment>,
+    /// The rules by which displays go dark by themselves.
+    #[serde(default)]
+    pub rest: RestRules,
 }
 
 impl PersistentState {
@@ -76,6 +80,7 @@ impl PersistentState {
             following: None,
             clips: PlayedClips::default(),
             environment: None,
+            rest: RestRules::default(),
         }
     }
 
@@ -127,23 +132,6 @@ impl Cluster {
         if memory.environment.is_some() {
             cluster.shown.apply(Operation::SetEnvironment(memory.environment.clone()));
         }
-        // It goes with the scene: lights in real units are white at any other.
-        let Presentation {
-            camera,
-            head,
-            ref views,
-            exposure,
-            output_mode,
-            pattern,
-            bounds,
-            tone,
-            is_exposure_automatic,
-            fog,
-        } = memory.presentation;
-        cluster.presentation.is_exposure_automatic = is_exposure_automatic;
-        if exposure.is_finite() && exposure >= 0.0 {
-            cluster.presentation.exposure = exposure;
-        }
         cluster.shown.revision = memory.revision.max(cluster.shown.revision);
         // A state without what has ended has not been numbered yet.
         cluster.shown.revision.0 += u64::from(cluster.shown.edits != memory.edits);
@@ -158,35 +146,59 @@ impl Cluster {
             }
             Err(reason) => tracing::warn!(reason, "the tunings in the state file were dropped"),
         }
-        // Numbers from a file are looked at as those of a client are.
-        if camera.fault().is_none() {
-            cluster.presentation.camera = camera;
-        }
-        if let Err(reason) = cluster.set_head(head.into()) {
-            tracing::warn!(reason, "the head that was remembered cannot be");
-        }
-        if let Err(reason) = cluster.set_views(views.clone()) {
-            tracing::warn!(reason, "the views that were remembered cannot be");
-        }
-        cluster.restore_stored_views(&memory.stored_views);
-        cluster.restore_tour(memory.tour.as_ref());
-        cluster.restore_following(memory.following.as_ref());
-        cluster.restore_clips(&memory.clips);
         cluster.editing.begin_at(cluster.shown.revision);
         cluster.shown_digest = cluster.shown.digest();
-        cluster.set_pace(memory.pace, 0);
-        cluster.presentation.output_mode = output_mode;
-        cluster.presentation.pattern = pattern;
-        cluster.presentation.tone = tone;
-        // A fog that a client could not set is left out.
-        cluster.presentation.fog = fog.filter(|fog| fog.fault().is_none());
-        if let Err(reason) = cluster.set_bounds(bounds) {
-            tracing::warn!(reason, "the bounds that were remembered cannot be");
+        for reason in cluster.resume(memory, 0) {
+            tracing::warn!(reason, "a part of the remembered state was left out");
         }
+        cluster.restore_rest(memory.rest);
         // Frames of another life were shown; its displays say that their manager is lost.
         cluster.is_going_on = true;
         cluster.remembered = Some(cluster.persistent_state());
         cluster
+    }
+
+    /// Presents, plays and keeps what another life of the manager did, or a session. Numbers from
+    /// a file are looked at as those of a client are. Returns what cannot be, with the reason.
+    pub(super) fn resume(&mut self, memory: &PersistentState, now: Micros) -> Vec<String> {
+        let Presentation {
+            camera,
+            head,
+            ref views,
+            exposure,
+            output_mode,
+            pattern,
+            bounds,
+            tone,
+            is_exposure_automatic,
+            fog,
+            // It ends with the alignment that set it.
+            marker: _,
+        } = memory.presentation;
+        // It goes with the scene: lights in real units are white at any other.
+        self.presentation.is_exposure_automatic = is_exposure_automatic;
+        if exposure.is_finite() && exposure >= 0.0 {
+            self.presentation.exposure = exposure;
+        }
+        self.end_motion();
+        if camera.fault().is_none() {
+            self.presentation.camera = camera;
+        }
+        self.presentation.output_mode = output_mode;
+        self.presentation.pattern = pattern;
+        self.presentation.tone = tone;
+        // A fog that a client could not set is left out.
+        self.presentation.fog = fog.filter(|fog| fog.fault().is_none());
+        let head = self.set_head(head.into()).map_err(|reason| format!("the head: {reason}"));
+        let views = self.set_views(views.clone()).map_err(|reason| format!("views: {reason}"));
+        let bounds = self.set_bounds(bounds).map_err(|reason| format!("the bounds: {reason}"));
+        self.stored_views.clear();
+        self.restore_stored_views(&memory.stored_views);
+        self.restore_tour(memory.tour.as_ref());
+        self.restore_following(memory.following.as_ref());
+        self.restore_clips(&memory.clips);
+        self.set_pace(memory.pace, now);
+        [head, views, bounds].into_iter().filter_map(Result::err).collect()
     }
 
     /// Returns what is to outlive this manager.
@@ -208,6 +220,7 @@ impl Cluster {
             following: self.remembered_following(),
             clips: self.remembered_clips(),
             environment: self.shown.environment.clone(),
+            rest: self.rest.rules(),
         }
     }
 

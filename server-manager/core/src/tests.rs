@@ -15,6 +15,8 @@ mod pipelining;
 mod previews;
 mod progress;
 mod random;
+mod rest;
+mod sessions;
 mod sight;
 mod simulated;
 mod tours;
@@ -165,7 +167,9 @@ impl ClusterFixture {
                 }
                 Effect::Answer { .. } | Effect::Stop | Effect::StopServers { .. } => {}
                 Effect::Remember(memory) => self.memories.push(*memory),
-                Effect::Import { job, .. } => self.imports.push(job),
+                Effect::Import { job, .. } | Effect::OpenSession { job, .. } => {
+                    self.imports.push(job);
+                }
                 Effect::Collect { channels, .. } => self.collects.push(channels),
                 Effect::Close { session, .. } => self.closed.push(session),
             }

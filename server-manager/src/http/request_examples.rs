@@ -2,6 +2,7 @@
 //! are.
 
 use glam::{DVec2, DVec3};
+use polyptych_protocol::calibration_marker::{CalibrationMarker, MarkedPoint};
 use polyptych_protocol::clip::{ClipAction, ClipChange};
 use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::follow::Follow;
@@ -12,6 +13,7 @@ use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{Pacing, Request};
+use polyptych_protocol::screen_rest::{LitHours, RestRules};
 use polyptych_protocol::transaction::Transaction;
 use polyptych_protocol::walk_query::{WalkQuery, Walker};
 use polyptych_scene::{Fog, NodeId, SceneSubset, ToneMapper};
@@ -48,6 +50,14 @@ fn of_wall() -> Vec<Request> {
         Request::SetDisplays(OutputMode::Identify),
         Request::SetPattern(Some(TestPattern::Grid)),
         Request::Tune { channel: "front-1-1".into(), changes },
+        Request::MarkPoint(Some(CalibrationMarker {
+            channel: "front-1-1".into(),
+            point: MarkedPoint::Corner(Corner::UpperLeft),
+        })),
+        Request::SetRest(RestRules {
+            idle_s: Some(1800.0),
+            hours: Some(LitHours { from_min: 540, until_min: 1080 }),
+        }),
         Request::SetExposure(1.0),
         Request::SetAutomaticExposure,
         Request::SetTone(ToneMapper::Aces),
@@ -88,6 +98,11 @@ fn of_scene() -> Vec<Request> {
         Request::ListSavedScenes,
         Request::RemoveSavedScene { name: "evening".into() },
         Request::ExportScene { saved: None },
+        Request::SaveSession { name: "evening".into() },
+        Request::OpenSession { name: "evening".into() },
+        Request::ListSessions,
+        Request::RemoveSession { name: "evening".into() },
+        Request::ListSceneFiles,
     ]
 }
 

@@ -3,6 +3,7 @@
 pub(super) mod camera;
 pub(super) mod pictures;
 pub(super) mod presentation;
+pub(super) mod saved_sessions;
 pub(super) mod scene;
 pub(super) mod session;
 pub(super) mod wall;

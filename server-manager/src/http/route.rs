@@ -96,6 +96,7 @@ pub(super) fn all() -> impl Iterator<Item = &'static Route> {
         resources::wall::ROUTES,
         resources::pictures::ROUTES,
         resources::scene::ROUTES,
+        resources::saved_sessions::ROUTES,
         resources::camera::ROUTES,
         resources::presentation::ROUTES,
         resources::session::ROUTES,

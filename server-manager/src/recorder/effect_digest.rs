@@ -55,6 +55,7 @@ impl EffectDigest {
             'a' => "an answer",
             'f' => "feedback",
             'i' => "an import",
+            'o' => "a session",
             'p' => "a capture",
             'l' => "a server let go",
             'r' => "something to remember",
@@ -98,6 +99,7 @@ fn describe(output: &Effect) -> (char, Vec<u8>) {
         Effect::Import { job, path, scene } => {
             ('i', polyptych_codec::encode(&(job, path, scene)).to_vec())
         }
+        Effect::OpenSession { job, name } => ('o', polyptych_codec::encode(&(job, name)).to_vec()),
         Effect::Collect { job, frame, channels, missing } => {
             ('p', polyptych_codec::encode(&(job, frame, channels, missing)).to_vec())
         }

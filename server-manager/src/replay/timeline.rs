@@ -147,6 +147,12 @@ impl Timeline {
                     self.event("request", format!("client {name} asks: {words}"));
                 }
             }
+            Input::Minute { .. } => {}
+            Input::Session { session, .. } => {
+                let outcome = session.as_ref().map(|_| "it was read");
+                let text = format!("a session: {}", outcome.unwrap_or_else(|reason| reason));
+                self.event("session", text);
+            }
             Input::Import { imported, .. } => {
                 let text = match imported {
                     Ok(imported) => format!("scene {} is baked", imported.scene.name),

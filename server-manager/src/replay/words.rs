@@ -4,6 +4,7 @@ use polyptych_core::Input;
 use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{Pacing, Request};
+use polyptych_protocol::screen_rest::RestRules;
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_text::counted;
 use polyptych_wall::calibration_change::CalibrationChange;
@@ -40,6 +41,13 @@ pub(super) fn of_input(input: &Input) -> String {
         }
         Input::Import { imported: Err(reason), .. } => {
             format!("a scene could not be baked: {}", text(reason))
+        }
+        Input::Minute { of_day } => {
+            format!("it was {:02}:{:02} by the manager's clock", of_day / 60, of_day % 60)
+        }
+        Input::Session { session: Ok(_), .. } => "a session was read".to_owned(),
+        Input::Session { session: Err(reason), .. } => {
+            format!("a session could not be read: {}", text(reason))
         }
         Input::Places { places: Ok(places), .. } => {
             format!("{} of the scene's file were placed", counted(places.len(), "node"))
@@ -98,6 +106,19 @@ pub(super) fn of_request(request: &Request) -> String {
         }
         Request::StoreView { name: view, .. } | Request::RemoveView { name: view } => {
             format!("{name} {}", text(view))
+        }
+        Request::SaveSession { name: session }
+        | Request::OpenSession { name: session }
+        | Request::RemoveSession { name: session } => format!("{name} {}", text(session)),
+        Request::MarkPoint(None) => format!("{name} nowhere"),
+        Request::MarkPoint(Some(marker)) => format!("{name} of {}", text(&marker.channel)),
+        Request::SetRest(RestRules { idle_s, hours }) => {
+            let idle = idle_s.map(|idle_s| format!("after {idle_s} s without use"));
+            let hours =
+                hours.map(|of| format!("outside minutes {} to {}", of.from_min, of.until_min));
+            let rules: Vec<_> = idle.into_iter().chain(hours).collect();
+            let rules = if rules.is_empty() { "never".to_owned() } else { rules.join(" and ") };
+            format!("{name}: dark {rules}")
         }
         Request::PlayTour(tour) => {
             let times = if tour.is_loop { "in a loop" } else { "once" };

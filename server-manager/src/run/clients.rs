@@ -95,9 +95,13 @@ impl EventLoop {
                         }
                         request @ (Request::SaveScene { .. }
                         | Request::ListSavedScenes
-                        | Request::RemoveSavedScene { .. }) => {
-                            self.ask_saved_scenes(from, id, request);
+                        | Request::RemoveSavedScene { .. }
+                        | Request::SaveSession { .. }
+                        | Request::ListSessions
+                        | Request::RemoveSession { .. }) => {
+                            self.ask_stores(from, id, request);
                         }
+                        Request::ListSceneFiles => self.list_scene_files(from, id),
                         Request::ExportScene { saved } => self.export(from, id, saved),
                         Request::FindNodes(query) => self.query(from, id, Query::Nodes(query)),
                         Request::CastRay(query) => self.query(from, id, Query::Ray(query)),

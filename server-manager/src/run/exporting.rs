@@ -14,9 +14,10 @@ use tracing::Instrument;
 
 use super::EventLoop;
 use super::saving::NO_STORE;
+use crate::entry_store::EntryStore;
 use crate::scene_export;
-use crate::scene_store::SceneStore;
 use crate::session::ClientHandle;
+use crate::stored_scene::StoredScene;
 
 /// Maximum number of scenes that are exported at a time: each has a file beside the blobs for as
 /// long as its client reads it.
@@ -25,7 +26,7 @@ pub(super) const EXPORTS_MAX: usize = 2;
 /// A scene that is to be exported.
 enum ExportSource {
     Open(EditedScene),
-    Saved(Arc<dyn SceneStore>, String),
+    Saved(Arc<dyn EntryStore<StoredScene>>, String),
 }
 
 impl EventLoop {
@@ -33,8 +34,8 @@ impl EventLoop {
     pub(super) fn export(&mut self, client: SessionId, id: RequestId, saved: Option<String>) {
         let job = ClientRequest { client, id };
         let Some(link) = self.clients.get(&client).map(|seat| seat.link.clone()) else { return };
-        let source = match (saved, self.scene_store.clone()) {
-            (Some(name), Some(store)) => Ok(ExportSource::Saved(store, name)),
+        let source = match (saved, self.stores.clone()) {
+            (Some(name), Some(stores)) => Ok(ExportSource::Saved(stores.scenes, name)),
             (Some(_), None) => Err(NO_STORE.to_owned()),
             (None, _) => {
                 let open = self.cluster.edited_scene().map(ExportSource::Open);

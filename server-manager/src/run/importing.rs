@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use polyptych_core::{ClientRequest, Input, SessionId};
+use polyptych_core::{ClientRequest, ImportedSession, Input, SessionId};
 use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::ids::RequestId;
@@ -13,7 +13,7 @@ use polyptych_protocol::transaction::{NewAssets, Transaction};
 use tracing::Instrument;
 
 use super::EventLoop;
-use super::saving::SharedStore;
+use super::saving::{NO_STORE, Stores};
 use crate::import::{self, Baker, Import};
 use crate::{assets, environment};
 
@@ -24,14 +24,15 @@ const ASSET_BAKES_MAX: usize = 16;
 pub(super) type Baking = (ClientRequest, OpenProgress);
 
 /// A scene that was saved.
-async fn open_saved(
-    store: Option<SharedStore>,
-    name: String,
-    baker: &Baker,
-) -> Result<Import, String> {
-    let store = store.ok_or("this wall keeps no state, so it keeps no scenes")?;
+async fn open_saved(stores: Option<Stores>, name: String, baker: &Baker) -> Result<Import, String> {
+    let stores = stores.ok_or(NO_STORE)?;
     let folder = BlobStore::new(baker.store.join("blobs"));
-    let read = move || import::read_saved(&folder, &name, store.load(&name)?.scene);
+    let read = move || {
+        let mut scene = stores.scenes.load(&name)?.scene;
+        scene.scene.name.clone_from(&name);
+        import::read_edited(&folder, scene)
+            .map_err(|reason| format!("the saved scene {name} is not whole any more: {reason}"))
+    };
     let read = tokio::task::spawn_blocking(read).await;
     read.map_err(|error| error.to_string())?
 }
@@ -55,17 +56,36 @@ struct BakedFiles {
 /// A bake that has ended.
 pub(super) struct Imported {
     job: ClientRequest,
-    result: Result<Import, String>,
+    result: Imports,
+}
+
+/// What it was of, and what came of it.
+enum Imports {
+    Scene(Result<Import, String>),
+    /// Of a session, with the blobs that servers may now ask for.
+    Session(Result<(Box<ImportedSession>, Vec<BlobHash>), String>),
 }
 
 impl EventLoop {
     pub(super) fn handle_imported(&mut self, imported: Imported) {
         let job = imported.job;
-        let scene = imported.result.map(|import| {
-            self.allowed.allow(&import.blobs);
-            import.scene
-        });
-        self.tell(self.now(), Input::Import { job, imported: scene });
+        let input = match imported.result {
+            Imports::Scene(result) => {
+                let imported = result.map(|import| {
+                    self.allowed.allow(&import.blobs);
+                    import.scene
+                });
+                Input::Import { job, imported }
+            }
+            Imports::Session(result) => {
+                let session = result.map(|(session, blobs)| {
+                    self.allowed.allow(&blobs);
+                    session
+                });
+                Input::Session { job, session }
+            }
+        };
+        self.tell(self.now(), input);
     }
 
     /// Bakes what a transaction brings; then it is one as any.
@@ -157,7 +177,7 @@ impl EventLoop {
         let baker = self.options.baker.clone();
         let done = self.imported.0.clone();
         let baking = self.progress.0.clone();
-        let (turns, saved) = (Arc::clone(&self.bakes), self.scene_store.clone());
+        let (turns, saved) = (Arc::clone(&self.bakes), self.stores.clone());
         let work = async move {
             // Nobody closes it, so there is always a turn.
             let _turn = turns.acquire().await;
@@ -174,7 +194,27 @@ impl EventLoop {
                 None => import::import((&path, scene.as_deref()), &roots, &baker, tell).await,
             };
             // The manager may have ended meanwhile.
+            let result = Imports::Scene(result);
             let _ = done.send(Imported { job, result }).await;
+        };
+        tokio::spawn(work.instrument(self.cluster.request_span(job)));
+    }
+
+    /// Reads a session as this wall can show it.
+    pub(super) fn read_session(&self, job: ClientRequest, name: String) {
+        let (stores, wall) = (self.stores.clone(), self.options.wall.clone());
+        let blobs = BlobStore::new(self.options.baker.store.join("blobs"));
+        let done = self.imported.0.clone();
+        let work = async move {
+            let read = move || {
+                let stored = stores.ok_or(NO_STORE)?.sessions.load(&name)?;
+                let (session, blobs) = stored.read(&name, &wall, &blobs)?;
+                Ok((Box::new(session), blobs))
+            };
+            let read = tokio::task::spawn_blocking(read).await;
+            let read = read.unwrap_or_else(|error| Err(error.to_string()));
+            // The manager may have ended meanwhile.
+            let _ = done.send(Imported { job, result: Imports::Session(read) }).await;
         };
         tokio::spawn(work.instrument(self.cluster.request_span(job)));
     }

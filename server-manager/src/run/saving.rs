@@ -1,53 +1,94 @@
-//! Scenes that clients save, list and forget, beside the loop of the manager.
+//! Scenes and sessions that clients save, list and forget, beside the loop of the manager.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use polyptych_core::{ClientRequest, SessionId};
+use polyptych_core::{ClientRequest, EditedScene, SessionId};
+use polyptych_files::blob::BlobStore;
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::{Request, Response};
 
 use super::EventLoop;
 use super::querying::{Answered, Found};
-use crate::scene_store::{SceneStore, StoredScene};
+use crate::entry_store::{EntryStore, StoreFile};
+use crate::scene_folders;
+use crate::stored_scene::StoredScene;
+use crate::stored_session::StoredSession;
 
-/// The reason where there is no store of scenes.
-pub(super) const NO_STORE: &str =
-    "this wall keeps no state, so it keeps no scenes; start its manager with `polyptych manager`";
+/// The reason where nothing is kept.
+pub(super) const NO_STORE: &str = "this wall keeps no state, so it keeps neither scenes nor \
+                                   sessions; start its manager with `polyptych manager`";
+
+/// What clients keep on a wall whose state is kept.
+#[derive(Clone)]
+pub(super) struct Stores {
+    pub scenes: Arc<dyn EntryStore<StoredScene>>,
+    pub sessions: Arc<dyn EntryStore<StoredSession>>,
+}
+
+impl Stores {
+    /// The stores beside this state file.
+    pub fn beside(state_file: &Path) -> Self {
+        let file = Arc::new(StoreFile::new(state_file.with_extension("scenes")));
+        Self { scenes: Arc::clone(&file) as Arc<_>, sessions: file }
+    }
+}
+
+/// The content of the wall at the moment at which it was to be saved.
+enum Kept {
+    Nothing,
+    Scene(Option<EditedScene>),
+    Session(Box<StoredSession>),
+}
 
 impl EventLoop {
-    /// Does what a client asks of the saved scenes.
-    pub(super) fn ask_saved_scenes(&mut self, client: SessionId, id: RequestId, request: Request) {
+    /// Does what a client asks of the saved scenes and sessions.
+    pub(super) fn ask_stores(&mut self, client: SessionId, id: RequestId, request: Request) {
         let job = ClientRequest { client, id };
-        let Some(store) = self.scene_store.clone() else {
+        let Some(stores) = self.stores.clone() else {
             let refused = Answered::new(job, Err(NO_STORE.to_owned()));
             return self.handle_found(Found::Answer(refused));
         };
-        let scene = match request {
-            Request::SaveScene { .. } => self.cluster.edited_scene().map(|scene| {
-                let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
-                StoredScene { scene, saved_at_s: since.map_or(0, |since| since.as_secs()) }
-            }),
-            _ => None,
+        let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        let saved_at_s = since.map_or(0, |since| since.as_secs());
+        let kept = match request {
+            Request::SaveScene { .. } => Kept::Scene(self.cluster.edited_scene()),
+            Request::SaveSession { .. } => {
+                let (wall, state) =
+                    (self.options.wall.without_paths(), self.cluster.session_state());
+                Kept::Session(Box::new(StoredSession { wall, state, saved_at_s }))
+            }
+            _ => Kept::Nothing,
         };
-        self.answer_beside(job, move || act(&*store, &request, scene.as_ref()));
+        let blobs = BlobStore::new(self.options.baker.store.join("blobs"));
+        self.answer_beside(job, move || act(&stores, &request, kept, (&blobs, saved_at_s)));
+    }
+
+    /// Lists what can be opened.
+    pub(super) fn list_scene_files(&mut self, client: SessionId, id: RequestId) {
+        let roots = self.options.scene_roots.clone();
+        let job = ClientRequest { client, id };
+        self.answer_beside(job, move || Ok(Response::SceneFiles(scene_folders::list(&roots))));
     }
 }
 
 fn act(
-    store: &dyn SceneStore,
+    Stores { scenes, sessions }: &Stores,
     request: &Request,
-    scene: Option<&StoredScene>,
+    kept: Kept,
+    (blobs, saved_at_s): (&BlobStore, u64),
 ) -> Result<Response, String> {
-    match request {
-        Request::SaveScene { name } => {
+    match (request, kept) {
+        (Request::SaveScene { name }, Kept::Scene(scene)) => {
             let scene = scene.ok_or("no scene is open; open one first")?;
-            store.save(name, scene).map(|()| Response::Done)
+            scenes.save(name, &StoredScene::new(scene, blobs, saved_at_s)?)?;
         }
-        Request::RemoveSavedScene { name } => store.remove(name).map(|()| Response::Done),
-        _ => store.list().map(Response::SavedScenes),
+        (Request::SaveSession { name }, Kept::Session(session)) => sessions.save(name, &session)?,
+        (Request::RemoveSavedScene { name }, _) => scenes.remove(name)?,
+        (Request::RemoveSession { name }, _) => sessions.remove(name)?,
+        (Request::ListSessions, _) => return sessions.list().map(Response::Sessions),
+        _ => return scenes.list().map(Response::SavedScenes),
     }
+    Ok(Response::Done)
 }
-
-/// The saved scenes of a wall whose state is kept.
-pub(super) type SharedStore = Arc<dyn SceneStore>;

@@ -3,7 +3,8 @@
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DAffine3, DVec2, DVec3};
 use polyptych_client::{
-    Attribute, ClientError, NewNode, NodeId, NodeQuery, RegionQuery, SceneFile, Transaction,
+    Attribute, CalibrationMarker, ClientError, NewNode, NodeId, NodeQuery, RegionQuery, SceneFile,
+    Transaction,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -86,6 +87,11 @@ fn of_scene(client: &Client, name: &str, given: &Arguments<'_>) -> Option<Answer
         }
         "save_scene" => answer(client.save_scene(text("name"))),
         "saved_scenes" => answer(client.saved_scenes()),
+        "scene_files" => answer(client.scene_files()),
+        "save_session" => answer(client.save_session(text("name"))),
+        "open_session" => answer(client.open_session(text("name"))),
+        "sessions" => answer(client.sessions()),
+        "remove_session" => answer(client.remove_session(text("name"))),
         "remove_saved_scene" => answer(client.remove_saved_scene(text("name"))),
         _ => return None,
     })
@@ -118,6 +124,8 @@ fn of_displays(client: &Client, name: &str, given: &Arguments<'_>) -> Option<Ans
         "pause" => answer(client.pause()),
         "set_output_mode" => answer(client.set_output_mode(given.of("mode"))),
         "set_pattern" => answer(client.set_pattern(given.of("pattern"))),
+        "mark_point" => answer(client.mark_point(mark(given))),
+        "set_rest" => answer(client.set_rest(value(given.0))),
         "set_exposure" => answer(client.set_exposure(given.of("exposure"))),
         "set_automatic_exposure" => answer(client.set_automatic_exposure()),
         "set_environment" => answer(client.set_environment(given.of("environment"))),
@@ -127,6 +135,12 @@ fn of_displays(client: &Client, name: &str, given: &Arguments<'_>) -> Option<Ans
         "calibrate" => answer(client.calibrate(given.of::<String>("channel"), given.of("changes"))),
         _ => return None,
     })
+}
+
+/// The point of a channel that is to be lit, if one is.
+fn mark(given: &Arguments<'_>) -> Option<CalibrationMarker> {
+    let channel: Option<String> = given.of("channel");
+    channel.map(|channel| CalibrationMarker { channel, point: given.of("point") })
 }
 
 fn of_questions(client: &Client, name: &str, given: &Arguments<'_>) -> Option<Answer> {

@@ -6,6 +6,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3, UVec2};
 use polyptych_codec::encode;
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
+use polyptych_protocol::calibration_marker::{CalibrationMarker, MarkedPoint};
 use polyptych_protocol::clip::{ClipAction, ClipChange};
 use polyptych_protocol::command::{Command, Frame, Goodbye, Pong, Prepare, Swap};
 use polyptych_protocol::exported_scene::ExportedScene;
@@ -30,6 +31,9 @@ use polyptych_protocol::request::{
     Response, SceneSummary,
 };
 use polyptych_protocol::saved_scene::SavedScene;
+use polyptych_protocol::saved_session::{OpenedSession, SavedSession};
+use polyptych_protocol::scene_file_list::{SceneFileInfo, SceneFileList};
+use polyptych_protocol::screen_rest::{LitHours, RestRules, RestStatus};
 use polyptych_protocol::server_message::{
     FramePresented, FrameRendered, Ping, Prepared, ServerMessage,
 };
@@ -302,6 +306,13 @@ fn calls() -> Vec<RequestMessage> {
         Request::ListClips,
         Request::ListVariants,
         Request::RemoveSavedScene { name: "evening".into() },
+        Request::SaveSession { name: "evening".into() },
+        Request::OpenSession { name: "evening".into() },
+        Request::ListSessions,
+        Request::RemoveSession { name: "evening".into() },
+        Request::MarkPoint(Some(marker())),
+        Request::ListSceneFiles,
+        Request::SetRest(rest().rules),
         Request::FollowNode(follow()),
         Request::FindWay(way()),
         Request::ExportScene { saved: Some("evening".into()) },
@@ -378,12 +389,23 @@ fn status() -> WallStatus {
         memory_bytes: 81_000_000,
         resolution_scale: 0.5,
         environment: Some("studio.hdr".into()),
+        rest: rest(),
         presentation: Presentation {
+            marker: Some(marker()),
             output_mode: OutputMode::Freeze,
             pattern: Some(TestPattern::Grid),
             ..Presentation::new(HeadPose::facing_forward(DVec3::Y, 0.06))
         },
     }
+}
+
+fn rest() -> RestStatus {
+    let hours = Some(LitHours { from_min: 540, until_min: 1080 });
+    RestStatus { rules: RestRules { idle_s: Some(600.0), hours }, is_resting: true }
+}
+
+fn marker() -> CalibrationMarker {
+    CalibrationMarker { channel: "a-1-1".into(), point: MarkedPoint::Bend { column: 1, row: 2 } }
 }
 
 fn statistics() -> Statistics {
@@ -461,7 +483,7 @@ fn answers() -> Vec<request::MessageToClient> {
     let id = RequestId(5);
     let replies = [
         Ok(Response::Done),
-        Ok(Response::SceneOpened(summary)),
+        Ok(Response::SceneOpened(summary.clone())),
         Ok(Response::Frame(feedback())),
         Ok(Response::Captured(captured)),
         Ok(Response::Status(Box::new(status()))),
@@ -488,6 +510,21 @@ fn answers() -> Vec<request::MessageToClient> {
             edited_nodes: 3,
             saved_at_s: 1 << 30,
         }])),
+        Ok(Response::SceneFiles(SceneFileList {
+            files: vec![SceneFileInfo { path: "town.glb".into(), bytes: 9, changed_at_s: 1 << 30 }],
+            is_cut: true,
+        })),
+        Ok(Response::Sessions(vec![SavedSession {
+            name: "evening".into(),
+            scene: Some("town".into()),
+            views: 2,
+            stored_views: 5,
+            saved_at_s: 1 << 30,
+        }])),
+        Ok(Response::SessionOpened(Box::new(OpenedSession {
+            scene: Some(summary),
+            left_out: vec!["view 1: its screen is not known".into()],
+        }))),
         Ok(Response::StoredViews(vec![StoredView { name: "quay".into(), camera: camera() }])),
         Ok(Response::Tour(Box::new(TourStatus {
             tour: Some(tour()),

@@ -1,10 +1,13 @@
 //! The presentation of the scene: modes, patterns, light, fog and bounds.
 
+use polyptych_protocol::calibration_marker::{CalibrationMarker, MarkedPoint};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::Request;
+use polyptych_protocol::screen_rest::{LitHours, RestRules};
 use polyptych_scene::{Fog, ToneMapper};
+use polyptych_wall::calibration_change::Corner;
 use serde::Deserialize;
 use serde_json::json;
 
@@ -45,6 +48,42 @@ pub(in crate::http) const ROUTES: &[Route] = &[
             let PatternBody { pattern } = call.parse()?;
             Ok(Request::SetPattern(pattern))
         }),
+    },
+    Route {
+        method: "PUT",
+        path: "/marker",
+        summary: "Lights a point of a channel over its test pattern: a `Corner`, an `Edge` or a \
+                  point of its `Bend`; or none without a `marker`.",
+        query: &[],
+        body: Some(|| {
+            let point = MarkedPoint::Corner(Corner::UpperLeft);
+            json!({ "marker": CalibrationMarker { channel: "front-1-1".into(), point } })
+        }),
+        action: Action::Ask(|call| {
+            let MarkerBody { marker } = call.parse()?;
+            Ok(Request::MarkPoint(marker))
+        }),
+    },
+    Route {
+        method: "GET",
+        path: "/rest",
+        summary: "The rules by which displays go dark by themselves, and whether they are dark.",
+        query: &[],
+        body: None,
+        action: Action::Read(|status| json!(status.rest)),
+    },
+    Route {
+        method: "PUT",
+        path: "/rest",
+        summary: "Lets displays go dark after `idle_s` seconds without use, and outside `hours`: \
+                  from `from_min` until `until_min`, in minutes since midnight by the manager's \
+                  clock. What is not given does not darken them.",
+        query: &[],
+        body: Some(|| {
+            let hours = Some(LitHours { from_min: 540, until_min: 1080 });
+            json!(RestRules { idle_s: Some(1800.0), hours })
+        }),
+        action: Action::Ask(|call| Ok(Request::SetRest(call.parse()?))),
     },
     Route {
         method: "PUT",
@@ -97,6 +136,12 @@ struct DisplaysBody {
 #[serde(deny_unknown_fields)]
 struct PatternBody {
     pattern: Option<TestPattern>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MarkerBody {
+    marker: Option<CalibrationMarker>,
 }
 
 #[derive(Deserialize)]

@@ -37,6 +37,14 @@ pub(in crate::http) const ROUTES: &[Route] = &[
         }),
     },
     Route {
+        method: "GET",
+        path: "/scene/files",
+        summary: "The scene files in the manager's scene folders, by path; at most 1,024.",
+        query: &[],
+        body: None,
+        action: Action::Ask(|_| Ok(Request::ListSceneFiles)),
+    },
+    Route {
         method: "POST",
         path: "/scene/open",
         summary: "Opens a scene by its `path`, as `polyptych open` does: answered once all can \

@@ -44,6 +44,7 @@ pub fn wall(channels: usize) -> WallStatus {
         memory_bytes: 81_000_000,
         resolution_scale: 1.0,
         environment: None,
+        rest: polyptych_client::RestStatus::default(),
         presentation: Presentation::new(HeadPose::facing_forward(DVec3::X, 0.05)),
     }
 }

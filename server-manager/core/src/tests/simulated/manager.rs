@@ -346,6 +346,8 @@ impl Simulation {
                 self.tell(|| format!("    to {to:?}: {}", brief(&answer)));
                 self.watch.answered(to, &answer, self.manager.memory.as_ref())?;
             }
+            // Sessions are not asked for here.
+            Effect::OpenSession { .. } => {}
             Effect::Import { job, .. } => {
                 let is_good = self.dice.is_hit(800);
                 self.manager.imports.push((self.manager.life, job, is_good));

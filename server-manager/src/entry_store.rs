@@ -1,0 +1,265 @@
+//! The store of what clients keep under names: scenes as they were edited, and sessions.
+//!
+//! A site of many managers would put a database with transactions behind [`EntryStore`], such as
+//! PostgreSQL, and its blobs into an object store: all that an entry needs beside itself is named
+//! by hash.
+
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+
+use polyptych_scene::limits::EDITS_BYTES_MAX;
+use redb::{Database, ReadOnlyTable, ReadableDatabase, ReadableTable, TableDefinition, TableError};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// Maximum number of entries of a kind: a list that a person reads.
+const ENTRIES_MAX: usize = 1024;
+
+/// Maximum number of bytes that an entry takes in memory.
+const ENTRY_BYTES_MAX: usize = 8 * EDITS_BYTES_MAX;
+
+/// A kind of entries.
+pub(crate) trait Entry: Serialize + DeserializeOwned + Send + 'static {
+    /// A line of the list of all.
+    type Summary: Serialize + DeserializeOwned;
+    /// Its table. Another form of entries is another table, so that none is misread.
+    const TABLE: &'static str;
+    /// One of them, in messages.
+    const NOUN: &'static str;
+
+    /// Returns what is wrong with a name, if anything.
+    fn name_fault(name: &str) -> Option<String>;
+
+    /// The line of the list under this name.
+    fn summary(&self, name: &str) -> Self::Summary;
+}
+
+/// Entries of a kind by name. What it says to be done is done, whatever happens to the manager
+/// afterwards; at any moment there is the old entry or the new one.
+pub(crate) trait EntryStore<E: Entry>: Send + Sync {
+    /// Keeps an entry in the place of what had its name.
+    ///
+    /// # Errors
+    /// Why it is not kept; the old one is as it was.
+    fn save(&self, name: &str, entry: &E) -> Result<(), String>;
+
+    /// The entry of a name.
+    ///
+    /// # Errors
+    /// There is none, with those that there are; or it cannot be read.
+    fn load(&self, name: &str) -> Result<E, String>;
+
+    /// Forgets an entry.
+    ///
+    /// # Errors
+    /// Those of [`EntryStore::load`].
+    fn remove(&self, name: &str) -> Result<(), String>;
+
+    /// The lines of all that there are, by name.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    fn list(&self) -> Result<Vec<E::Summary>, String>;
+}
+
+/// A file of this machine. It is opened for each call, so that it is nobody's while nothing is
+/// asked of it.
+#[derive(Debug)]
+pub(crate) struct StoreFile {
+    path: PathBuf,
+    /// Held by the call that uses it now.
+    turn: Mutex<()>,
+}
+
+/// Encoded summaries and entries by name.
+type Table = TableDefinition<'static, &'static str, (&'static [u8], &'static [u8])>;
+type Rows = ReadOnlyTable<&'static str, (&'static [u8], &'static [u8])>;
+
+const fn table<E: Entry>() -> Table {
+    TableDefinition::new(E::TABLE)
+}
+
+impl StoreFile {
+    pub fn new(path: PathBuf) -> Self {
+        Self { path, turn: Mutex::default() }
+    }
+
+    fn with<T>(
+        &self,
+        work: impl FnOnce(&Database) -> Result<Result<T, String>, redb::Error>,
+    ) -> Result<T, String> {
+        let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        let done = Database::create(&self.path).map_err(redb::Error::from);
+        let done = done.and_then(|file| work(&file));
+        let path = self.path.display();
+        done.map_err(|error| format!("the file of saved scenes and sessions, {path}: {error}"))?
+    }
+}
+
+impl<E: Entry> EntryStore<E> for StoreFile {
+    fn save(&self, name: &str, entry: &E) -> Result<(), String> {
+        if let Some(fault) = E::name_fault(name) {
+            return Err(fault);
+        }
+        let bytes = polyptych_codec::encode(entry);
+        if bytes.len() > ENTRY_BYTES_MAX {
+            let (noun, bytes) = (E::NOUN, bytes.len());
+            return Err(format!("the {noun} takes {bytes} bytes; at most {ENTRY_BYTES_MAX} do"));
+        }
+        self.with(|file| {
+            let change = file.begin_write()?;
+            {
+                let mut rows = change.open_table(table::<E>())?;
+                if rows.get(name)?.is_none() && rows.iter()?.count() >= ENTRIES_MAX {
+                    let noun = E::NOUN;
+                    return Ok(Err(format!(
+                        "{ENTRIES_MAX} {noun}s are saved already, which is the maximum; remove one"
+                    )));
+                }
+                let summary = polyptych_codec::encode(&entry.summary(name));
+                rows.insert(name, (&summary[..], &bytes[..]))?;
+            }
+            // On the disk before it returns: redb's default durability.
+            change.commit()?;
+            Ok(Ok(()))
+        })
+    }
+
+    fn load(&self, name: &str) -> Result<E, String> {
+        self.with(|file| {
+            let Some(rows) = rows::<E>(file)? else { return Ok(Err(unknown::<E>(&[], name))) };
+            let Some(row) = rows.get(name)? else {
+                return Ok(Err(unknown::<E>(&names(&rows)?, name)));
+            };
+            Ok(decode::<E, E>(name, row.value().1))
+        })
+    }
+
+    fn remove(&self, name: &str) -> Result<(), String> {
+        self.with(|file| {
+            let change = file.begin_write()?;
+            {
+                let mut rows = change.open_table(table::<E>())?;
+                if rows.remove(name)?.is_none() {
+                    return Ok(Err(unknown::<E>(&names(&rows)?, name)));
+                }
+            }
+            change.commit()?;
+            Ok(Ok(()))
+        })
+    }
+
+    fn list(&self) -> Result<Vec<E::Summary>, String> {
+        self.with(|file| {
+            let Some(rows) = rows::<E>(file)? else { return Ok(Ok(Vec::new())) };
+            let mut all = Vec::new();
+            for row in rows.iter()? {
+                let (name, row) = row?;
+                match decode::<E, E::Summary>(name.value(), row.value().0) {
+                    Ok(summary) => all.push(summary),
+                    Err(reason) => return Ok(Err(reason)),
+                }
+            }
+            Ok(Ok(all))
+        })
+    }
+}
+
+fn decode<E: Entry, T: DeserializeOwned>(name: &str, bytes: &[u8]) -> Result<T, String> {
+    let noun = E::NOUN;
+    polyptych_codec::decode_within::<T, ENTRY_BYTES_MAX>(bytes)
+        .map_err(|error| format!("the saved {noun} {name} cannot be read: {error}"))
+}
+
+/// Returns the entries as they are now; `None` before the first one.
+fn rows<E: Entry>(file: &Database) -> Result<Option<Rows>, redb::Error> {
+    match file.begin_read()?.open_table(table::<E>()) {
+        Ok(rows) => Ok(Some(rows)),
+        Err(TableError::TableDoesNotExist(_)) => Ok(None),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// Returns the first names of the entries, for an error.
+fn names(
+    rows: &impl ReadableTable<&'static str, (&'static [u8], &'static [u8])>,
+) -> Result<Vec<String>, redb::Error> {
+    const NAMES_MAX: usize = 16;
+    let rows = rows.iter()?.take(NAMES_MAX);
+    rows.map(|row| Ok(row?.0.value().to_owned())).collect()
+}
+
+fn unknown<E: Entry>(names: &[String], name: &str) -> String {
+    let there = if names.is_empty() { "none is".to_owned() } else { names.join(", ") };
+    format!("no {} is saved as {}; saved: {there}", E::NOUN, polyptych_text::printable(name))
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_core::EditedScene;
+    use polyptych_files::blob::BlobHash;
+    use polyptych_protocol::state_log::SceneRef;
+    use polyptych_scene::{Edit, NodeId, SceneEdits};
+
+    use super::*;
+    use crate::stored_scene::StoredScene;
+
+    type Store = dyn EntryStore<StoredScene>;
+
+    fn stored(name: &str, hidden: u64) -> StoredScene {
+        let mut edits = SceneEdits::default();
+        for node in 0..hidden {
+            edits.apply(Edit::SetVisible { node: NodeId(node), visible: false });
+        }
+        let scene = SceneRef { name: name.into(), manifest: BlobHash::of(name.as_bytes()) };
+        let scene = EditedScene { scene, edits, next_node: 7 };
+        StoredScene { scene, edited_nodes: hidden, saved_at_s: 1 }
+    }
+
+    #[test]
+    fn scenes_are_kept_under_their_names() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("wall.scenes");
+        let file = StoreFile::new(path.clone());
+        let store: &Store = &file;
+        assert_eq!(store.list(), Ok(Vec::new()));
+        assert_eq!(store.load("a").expect_err("none"), "no scene is saved as a; saved: none is");
+        store.save("evening", &stored("town", 2)).expect("saved");
+        store.save("a", &stored("town", 1)).expect("saved");
+        store.save("a", &stored("town", 3)).expect("saved over");
+        let again = StoreFile::new(path);
+        let again: &Store = &again;
+        assert_eq!(again.load("a"), Ok(stored("town", 3)));
+        let names: Vec<_> = again.list().expect("read").into_iter().map(|of| of.name).collect();
+        assert_eq!(names, ["a", "evening"]);
+        assert_eq!(again.list().expect("read")[0].edited_nodes, 3);
+        again.remove("a").expect("there");
+        let error = again.remove("a").expect_err("gone");
+        assert_eq!(error, "no scene is saved as a; saved: evening");
+        for name in ["", "a\nb", &"n".repeat(65)] {
+            assert!(
+                store.save(name, &stored("town", 0)).expect_err("no name").contains("64 bytes")
+            );
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_none_or_is_locked_is_told_with_its_name() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("wall.scenes");
+        std::fs::write(&path, b"not a database, but as long as one may be".repeat(1000))
+            .expect("written");
+        let damaged = StoreFile::new(path.clone());
+        let damaged: &Store = &damaged;
+        let error = damaged.list().expect_err("damaged");
+        assert!(error.contains("wall.scenes"), "{error}");
+        std::fs::remove_file(&path).expect("there");
+        let held = Database::create(&path).expect("made");
+        let error = StoreFile::new(path.clone()).save("a", &stored("t", 0)).expect_err("locked");
+        assert!(error.contains("wall.scenes") && error.contains("already open"), "{error}");
+        drop(held);
+        let gone = StoreFile::new(folder.path().join("no/folder/wall.scenes"));
+        let gone: &Store = &gone;
+        assert!(gone.list().expect_err("no folder").contains("wall.scenes"));
+    }
+}
