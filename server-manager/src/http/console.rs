@@ -13,12 +13,28 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; \
                       img-src 'self' blob:; connect-src 'self'; form-action 'none'; \
                       base-uri 'none'; frame-ancestors 'none'";
 
+/// The type of the page's modules.
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+
 /// Path, type and text of the page's files.
 const FILES: &[(&str, &str, &str)] = &[
     ("/", "text/html; charset=utf-8", include_str!("console/index.html")),
     ("/console.css", "text/css; charset=utf-8", include_str!("console/console.css")),
     ("/icon.svg", "image/svg+xml", include_str!("console/icon.svg")),
-    ("/console.js", "text/javascript; charset=utf-8", include_str!("console/console.js")),
+    ("/alignment.js", SCRIPT, include_str!("console/alignment.js")),
+    ("/camera.js", SCRIPT, include_str!("console/camera.js")),
+    ("/console.js", SCRIPT, include_str!("console/console.js")),
+    ("/displays.js", SCRIPT, include_str!("console/displays.js")),
+    ("/handles.js", SCRIPT, include_str!("console/handles.js")),
+    ("/hanging.js", SCRIPT, include_str!("console/hanging.js")),
+    ("/health.js", SCRIPT, include_str!("console/health.js")),
+    ("/picture.js", SCRIPT, include_str!("console/picture.js")),
+    ("/plots.js", SCRIPT, include_str!("console/plots.js")),
+    ("/quaternion.js", SCRIPT, include_str!("console/quaternion.js")),
+    ("/requests.js", SCRIPT, include_str!("console/requests.js")),
+    ("/scenes.js", SCRIPT, include_str!("console/scenes.js")),
+    ("/state.js", SCRIPT, include_str!("console/state.js")),
+    ("/views.js", SCRIPT, include_str!("console/views.js")),
 ];
 
 /// The answer to a request for a file of the page, if it is one. There is no secret in them, so

@@ -87,6 +87,9 @@ fn check_scene(page: &Page) {
     let open = |path: &str| page.route("POST", "/scene/open", &[], Some(json!({ "path": path })));
     open("attic.glb").refused(422, "attic.glb");
     open("../../etc/passwd").refused(422, "passwd");
+    let files = page.route("GET", "/scene/files", &[], None).value();
+    let files = files["files"].as_array().expect("files");
+    assert!(files.iter().any(|of| of["path"] == "town.glb"), "{files:?}");
     let opened = open("town.glb").value();
     assert_eq!(opened["scene"]["name"], "town");
     assert_eq!(opened["frame"]["channels"][0]["state"], "live");
@@ -113,12 +116,26 @@ fn check_scene(page: &Page) {
     let saved = page.route("GET", "/scene/saved", &[], None).value();
     assert_eq!(saved[0]["name"], "evening light");
     page.route("DELETE", "/scene/saved/{name}", &["evening%20light"], None).value();
+    check_saved_sessions(page);
     page.route("PUT", "/environment", &[], Some(json!({ "is_sky": true }))).value();
     assert_eq!(client.status().expect("a status").environment.as_deref(), Some("sky"));
     page.route("PUT", "/environment", &[], Some(json!({}))).value();
     page.route("POST", "/scene/close", &[], None).value();
     assert_eq!(client.status().expect("a status").scene, None);
     open("town.glb").value();
+}
+
+fn check_saved_sessions(page: &Page) {
+    let client = page.local.client();
+    page.route("PUT", "/sessions/{name}", &["evening"], None).value();
+    assert_eq!(page.route("GET", "/sessions", &[], None).value()[0]["scene"], "town");
+    client.set_camera(polyptych_client::Camera::IDENTITY).expect("set");
+    let opened = page.route("POST", "/sessions/{name}/open", &["evening"], None).value();
+    assert_eq!((&opened["scene"]["name"], &opened["left_out"]), (&json!("town"), &json!([])));
+    let camera = client.status().expect("a status").presentation.camera;
+    assert_ne!(camera, polyptych_client::Camera::IDENTITY);
+    page.route("DELETE", "/sessions/{name}", &["evening"], None).value();
+    page.ask("POST", "/sessions/evening/open", None).refused(422, "saved: none is");
 }
 
 fn check_camera(page: &Page) {
@@ -171,6 +188,14 @@ fn check_presentation(page: &Page) {
     page.ask("PUT", "/displays", Some(&json!({ "mode": "off" }))).refused(400, "`normal`");
     page.route("PUT", "/pattern", &[], Some(json!({ "pattern": "grid" }))).value();
     page.ask("PUT", "/pattern", Some(&json!({ "pattern": null }))).value();
+    let marker = json!({ "marker": { "channel": "front-1-1", "point": { "Edge": "left" } } });
+    page.route("PUT", "/marker", &[], Some(marker)).value();
+    page.ask("PUT", "/marker", Some(&json!({ "marker": null }))).value();
+    page.route("PUT", "/rest", &[], Some(json!({ "idle_s": 3600.0 }))).value();
+    assert_eq!(page.route("GET", "/rest", &[], None).value()["rules"]["idle_s"], 3600.0);
+    let hours = json!({ "hours": { "from_min": 9999, "until_min": 0 } });
+    page.ask("PUT", "/rest", Some(&hours)).refused(422, "0 to 1440");
+    page.ask("PUT", "/rest", Some(&json!({}))).value();
     page.route("PUT", "/exposure", &[], Some(json!({ "stops": 1.0 }))).value();
     page.ask("PUT", "/exposure", Some(&json!({ "stops": 1e300 }))).refused(400, "stops are");
     page.ask("PUT", "/exposure", Some(&json!({ "factor": -1 }))).refused(422, "exposure is 0");

@@ -1,0 +1,129 @@
+// The camera: orbits around what is in the middle of the wall, or flies with the eye.
+
+import { ask } from "./requests.js";
+import { around, normalized, product, rotated } from "./quaternion.js";
+import { byId, on, state } from "./state.js";
+
+/** Metres of the wall's room that one press of a key flies. */
+const FLY_STEP_M = 0.25;
+
+const isFlying = () => byId("fly").getAttribute("aria-pressed") === "true";
+
+/** The middle of the first screen, in the wall's room: what orbits turn around. */
+function pivotInRoom() {
+  const { wall } = state;
+  const surface = wall.screens[0].surface;
+  const plane = surface.Plane ?? surface;
+  if (plane?.lower_right && plane?.upper_left) {
+    return plane.lower_right.map((part, i) => (part + plane.upper_left[i]) / 2);
+  }
+  return [wall.eye[0], wall.eye[1], wall.eye[2] - 1];
+}
+
+/** Turns, shifts (in metres of the room: right, up, back) or scales the camera around a point. */
+function move({ turn, shift, zoom }) {
+  const { camera, wall } = state;
+  if (!camera || !wall) return;
+  const pivot = isFlying() ? wall.eye : pivotInRoom();
+  const at = rotated(camera.rotation, pivot.map((part) => part * camera.scale))
+    .map((part, i) => part + camera.position[i]);
+  let { rotation, scale } = camera;
+  let center = at;
+  if (turn) {
+    const right = rotated(rotation, [1, 0, 0]);
+    rotation = product(around([0, 1, 0], turn[0]), product(around(right, turn[1]), rotation));
+    rotation = normalized(rotation);
+  }
+  if (shift) {
+    const by = rotated(rotation, shift.map((part) => part * scale));
+    center = at.map((part, i) => part + by[i]);
+  }
+  if (zoom) scale *= zoom;
+  const back = rotated(rotation, pivot.map((part) => part * scale));
+  state.camera = { position: center.map((part, i) => part - back[i]), rotation, scale };
+  state.aim = state.camera;
+  sendCamera();
+}
+
+let isSending = false;
+
+/** Sends the last camera that was asked for; those between are left out. */
+async function sendCamera() {
+  if (isSending) return;
+  isSending = true;
+  while (state.aim) {
+    const sent = state.aim;
+    await ask("POST", "/api/v1/frame", { camera: sent }).catch(() => undefined);
+    if (state.aim === sent) state.aim = null;
+  }
+  isSending = false;
+}
+
+/** One finger or the mouse turns; two fingers shift and zoom. */
+function drag(stage) {
+  const pointers = new Map();
+  stage.addEventListener("pointerdown", (event) => {
+    stage.setPointerCapture(event.pointerId);
+    pointers.set(event.pointerId, [event.clientX, event.clientY]);
+  });
+  stage.addEventListener("pointermove", (event) => {
+    const before = pointers.get(event.pointerId);
+    if (!before) return;
+    const now = [event.clientX, event.clientY];
+    const size = Math.max(stage.clientWidth, 1);
+    const [dx, dy] = [(now[0] - before[0]) / size, (now[1] - before[1]) / size];
+    const others = [...pointers].filter(([id]) => id !== event.pointerId).map(([, at]) => at);
+    pointers.set(event.pointerId, now);
+    if (others.length) {
+      const apart = (at) => Math.hypot(at[0] - others[0][0], at[1] - others[0][1]);
+      const zoom = apart(before) / Math.max(apart(now), 1);
+      move(isFlying()
+        ? { shift: [-dx, dy, 4 * (zoom - 1)] } : { shift: [-dx, dy, 0], zoom });
+    } else if (event.shiftKey || event.buttons !== 1) {
+      move({ shift: [-2 * dx, 2 * dy, 0] });
+    } else {
+      const sense = isFlying() ? 2 : -4;
+      move({ turn: [sense * dx, sense * dy] });
+    }
+  });
+  for (const end of ["pointerup", "pointercancel"]) {
+    stage.addEventListener(end, (event) => pointers.delete(event.pointerId));
+  }
+}
+
+const ORBIT_KEYS = {
+  ArrowLeft: { turn: [-0.1, 0] }, ArrowRight: { turn: [0.1, 0] },
+  ArrowUp: { turn: [0, -0.1] }, ArrowDown: { turn: [0, 0.1] },
+  "+": { zoom: 0.9 }, "-": { zoom: 1.1 },
+};
+const FLY_KEYS = {
+  ArrowLeft: { turn: [0.1, 0] }, ArrowRight: { turn: [-0.1, 0] },
+  ArrowUp: { shift: [0, 0, -FLY_STEP_M] }, ArrowDown: { shift: [0, 0, FLY_STEP_M] },
+  w: { shift: [0, 0, -FLY_STEP_M] }, s: { shift: [0, 0, FLY_STEP_M] },
+  a: { shift: [-FLY_STEP_M, 0, 0] }, d: { shift: [FLY_STEP_M, 0, 0] },
+  e: { shift: [0, FLY_STEP_M, 0] }, q: { shift: [0, -FLY_STEP_M, 0] },
+  "+": { zoom: 1.1 }, "-": { zoom: 0.9 },
+};
+
+/** Lets pointers, the wheel and keys over the picture move the camera. */
+export function steer() {
+  const stage = byId("stage");
+  drag(stage);
+  stage.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    const sense = Math.sign(event.deltaY);
+    move(isFlying() ? { shift: [0, 0, FLY_STEP_M * sense] } : { zoom: Math.exp(sense * 0.1) });
+  }, { passive: false });
+  stage.addEventListener("keydown", (event) => {
+    const change = (isFlying() ? FLY_KEYS : ORBIT_KEYS)[event.key];
+    if (!change || event.ctrlKey || event.altKey || event.metaKey) return;
+    event.preventDefault();
+    move(change);
+  });
+  for (const [id, other] of [["orbit", "fly"], ["fly", "orbit"]]) {
+    on(id, "click", () => {
+      byId(id).setAttribute("aria-pressed", "true");
+      byId(other).setAttribute("aria-pressed", "false");
+    });
+  }
+}

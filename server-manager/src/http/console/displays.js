@@ -1,0 +1,72 @@
+// What displays show of the picture: modes, patterns, light, bounds, pace, and when they rest.
+
+import { act, actAndDraw } from "./requests.js";
+import { byId, isFree, on, state } from "./state.js";
+
+/** Shows how displays are. */
+export function showDisplays() {
+  const { presentation: shown, rest } = state.status;
+  for (const button of byId("modes").children) {
+    button.setAttribute("aria-pressed", String(button.dataset.mode === shown.output_mode));
+  }
+  if (isFree("pattern")) byId("pattern").value = shown.pattern ?? "";
+  if (isFree("exposure")) byId("exposure").value = Math.log2(shown.exposure);
+  byId("exposure-value").textContent = Math.log2(shown.exposure).toFixed(2);
+  byId("automatic").checked = shown.is_exposure_automatic;
+  if (isFree("error")) byId("error").value = shown.bounds.error_px;
+  byId("error-value").textContent = shown.bounds.error_px;
+  if (isFree("rate")) byId("rate").value = shown.bounds.rate_fps ?? "";
+  byId("rest-state").textContent = inWords(rest);
+}
+
+const time = (minute) => [minute / 60, minute % 60]
+  .map((part) => String(Math.floor(part)).padStart(2, "0")).join(":");
+
+function minute(text) {
+  const [hours, minutes] = text.split(":").map(Number);
+  return hours * 60 + minutes;
+}
+
+function inWords({ rules: { idle_s, hours }, is_resting }) {
+  const rules = [];
+  if (idle_s !== null) rules.push(`after ${Math.round(idle_s / 6) / 10} min without use`);
+  if (hours) rules.push(`outside ${time(hours.from_min)}–${time(hours.until_min)}`);
+  const words = rules.length ? `Dark ${rules.join(" and ")}` : "Never dark by themselves";
+  return is_resting ? `${words}; dark now` : words;
+}
+
+function setRest(event) {
+  event.preventDefault();
+  const [idle, from, until] = ["rest-idle", "rest-from", "rest-until"].map((id) => byId(id).value);
+  act("PUT", "/api/v1/rest", {
+    idle_s: idle ? Number(idle) * 60 : null,
+    hours: from && until ? { from_min: minute(from), until_min: minute(until) } : null,
+  });
+}
+
+/** Lets the controls of displays work. */
+export function startDisplays() {
+  for (const button of byId("modes").children) {
+    button.addEventListener("click",
+      () => act("PUT", "/api/v1/displays", { mode: button.dataset.mode }));
+  }
+  on("pattern", "change",
+    () => act("PUT", "/api/v1/pattern", { pattern: byId("pattern").value || null }));
+  const stops = () => ({ stops: Number(byId("exposure").value) });
+  on("exposure", "change", () => actAndDraw("PUT", "/api/v1/exposure", stops()));
+  on("automatic", "change", () => actAndDraw("PUT", "/api/v1/exposure",
+    byId("automatic").checked ? { is_automatic: true } : stops()));
+  const bounds = () => actAndDraw("PUT", "/api/v1/bounds", {
+    error_px: Number(byId("error").value),
+    rate_fps: byId("rate").value ? Number(byId("rate").value) : null,
+  });
+  on("error", "change", bounds);
+  on("rate", "change", bounds);
+  on("set-pace", "click", () => {
+    const pace = byId("pace").value;
+    const rate = pace ? { rate: Number(pace) } : {};
+    act("PUT", "/api/v1/pace", pace === "free" ? { is_free: true } : rate);
+  });
+  on("rest-form", "submit", setRest);
+  on("rest-off", "click", () => act("PUT", "/api/v1/rest", {}));
+}

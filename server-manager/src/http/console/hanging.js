@@ -1,0 +1,24 @@
+// How a channel's upright picture lies on its display: mirrored, packed for two eyes, turned.
+
+/** Returns the size of the display's picture, in pixels. */
+export function displaySize({ size: [width, height], adjustment: { packing, turn } }) {
+  const packed = [
+    packing === "side-by-side" ? 2 * width : width, packing === "top-bottom" ? 2 * height : height,
+  ];
+  return ["left", "right"].includes(turn) ? [packed[1], packed[0]] : packed;
+}
+
+/** Returns the place on the display of a pixel of the upright picture; of two eyes the left's. */
+export function displayFromUpright(channel, [x, y]) {
+  const { size: [width], adjustment: { mirror, turn } } = channel;
+  const [w, h] = displaySize(channel);
+  const flipped = mirror ? width - x : x;
+  return { left: [w - y, flipped], right: [y, h - flipped], half: [w - flipped, h - y] }[turn] ??
+    [flipped, y];
+}
+
+/** Returns the shift of the upright picture that a shift on the display is. */
+export function uprightShift({ adjustment: { mirror, turn } }, [dx, dy]) {
+  const [x, y] = { left: [dy, -dx], right: [-dy, dx], half: [-dx, -dy] }[turn] ?? [dx, dy];
+  return [mirror ? -x : x, y];
+}

@@ -1,0 +1,55 @@
+// Requests of the HTTP interface. Each shows the same as a line for curl.
+
+import { byId } from "./state.js";
+
+const LOG_LINES_MAX = 200;
+
+function curlLine(method, path, body) {
+  const quoted = (text) => "'" + text.replaceAll("'", "'\\''") + "'";
+  const data = body === undefined ? "" :
+    ` -H 'Content-Type: application/json' -d ${quoted(JSON.stringify(body))}`;
+  return `curl -X ${method} -H "Authorization: Bearer $(polyptych login --token)"${data} ` +
+    quoted(location.origin + path);
+}
+
+/** Asks, and returns the answer; fails with what the manager says. */
+export async function ask(method, path, body, isShown = true) {
+  if (isShown) byId("curl").textContent = curlLine(method, path, body);
+  const options = { method, headers: {} };
+  if (body !== undefined) {
+    options.body = JSON.stringify(body);
+    options.headers["Content-Type"] = "application/json";
+  }
+  const answer = await fetch(path, options);
+  if (answer.status === 401) byId("login").hidden = false;
+  const value = await answer.json();
+  if (!answer.ok) {
+    log(value.error, true);
+    throw new Error(value.error);
+  }
+  return value;
+}
+
+/** Asks; a refusal stands in the list of events. Returns the answer, or undefined. */
+export const act = (method, path, body) => ask(method, path, body).catch(() => undefined);
+
+/** Asks without a line for curl: what the page reads by itself. */
+export const read = (path) => fetch(path)
+  .then((answer) => answer.ok ? answer.json() : null).catch(() => null);
+
+/** Asks for what holds from the next frame on, and for that frame. */
+export async function actAndDraw(method, path, body) {
+  const done = await act(method, path, body);
+  if (done === undefined) return done;
+  await ask("POST", "/api/v1/frame", {}, false).catch(() => undefined);
+  return done;
+}
+
+export function log(text, isBad = false) {
+  const line = document.createElement("li");
+  line.textContent = `${new Date().toLocaleTimeString()} ${text}`;
+  if (isBad) line.className = "bad";
+  const list = byId("log");
+  list.prepend(line);
+  while (list.children.length > LOG_LINES_MAX) list.lastChild.remove();
+}

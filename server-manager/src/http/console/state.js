@@ -1,0 +1,29 @@
+// The state that the parts of the page share: the wall as it was described and last said to be.
+
+export const state = {
+  /** The wall's description, once it is there. */
+  wall: null,
+  /** The last status, and when it came, in milliseconds. */
+  status: null,
+  statusAt: 0,
+  /** The frame of the status before. */
+  frameBefore: null,
+  /** The camera as it is shown, and as it was last asked for while that is on its way. */
+  camera: null,
+  aim: null,
+};
+
+export const byId = (id) => document.getElementById(id);
+
+/** Adds an element below another one. */
+export function add(parent, tag, properties = {}) {
+  const element = document.createElement(tag);
+  Object.assign(element, properties);
+  parent.append(element);
+  return element;
+}
+
+export const on = (id, name, work) => byId(id).addEventListener(name, work);
+
+/** Returns whether a control may be written: nobody is at it. */
+export const isFree = (id) => document.activeElement !== byId(id);

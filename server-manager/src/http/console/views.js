@@ -1,0 +1,126 @@
+// What is looked at: stored views, tours of them, views over parts of the wall, and the head.
+
+import { act, actAndDraw, read } from "./requests.js";
+import { add, byId, isFree, on, state } from "./state.js";
+
+const TOUR_RATE = 30;
+const viewPath = (name) => `/api/v1/views/${encodeURIComponent(name)}`;
+let stored = [];
+
+/** Reads the list of stored views anew. */
+export async function listViews() {
+  stored = await read("/api/v1/views") ?? [];
+  byId("views").replaceChildren(...stored.map(({ name }) => new Option(name, name)));
+}
+
+/** Plays all stored views, each after the one before. A wall that is paused draws for it. */
+async function playTour() {
+  const travel_s = Number(byId("tour-travel").value);
+  const stops = stored.map(({ camera }) =>
+    ({ camera, travel_s, stay_s: Number(byId("tour-stay").value), easing: "Smooth" }));
+  const tour = { stops, is_loop: byId("tour-loop").checked };
+  if (await act("PUT", "/api/v1/tour", tour) === undefined) return;
+  const line = byId("curl").textContent;
+  const played = await read("/api/v1/tour");
+  if (played && played.pace === null) await act("PUT", "/api/v1/pace", { rate: TOUR_RATE });
+  byId("curl").textContent = line;
+  showTour();
+}
+
+async function showTour() {
+  const played = await read("/api/v1/tour");
+  byId("tour-state").textContent = played?.tour ? `playing ${played.tour.stops.length} stops`
+    : played?.following !== null && played ? `following node ${played.following}` : "no tour";
+}
+
+/** The part of a screen that the form names, in pixels of its canvas. */
+function part() {
+  const screen = Number(byId("part-screen").value);
+  const canvas = state.wall.screens[screen].canvas;
+  const of = (id, size) => Math.round(Number(byId(id).value) / 100 * size);
+  const [x, y] = [of("part-left", canvas[0]), of("part-top", canvas[1])];
+  const width = Math.min(of("part-width", canvas[0]), canvas[0] - x);
+  const height = Math.min(of("part-height", canvas[1]), canvas[1] - y);
+  return { Screen: { screen, rect: [x, y, width, height] } };
+}
+
+function layOver() {
+  const chosen = stored.find(({ name }) => name === byId("part-view").value);
+  const camera = chosen?.camera ?? state.camera;
+  const view = { camera, area: part(), projection: "Wall", root: null, layers: null };
+  return setViews([...state.status.presentation.views, view]);
+}
+
+const setViews = (views) => actAndDraw("PUT", "/api/v1/overlays", { views });
+
+let shownViews = "";
+
+/** Shows the views over parts of the wall, and where the head is. */
+export function showViews() {
+  const { views, head } = state.status.presentation;
+  const text = JSON.stringify(views.map((view) => view.area));
+  if (text !== shownViews) {
+    shownViews = text;
+    const list = byId("parts");
+    list.replaceChildren();
+    views.forEach((view, at) => {
+      const item = add(list, "li");
+      const of = view.area.Screen;
+      const screen = of && state.wall.screens[of.screen].name;
+      const where = of ? `${screen}: ${of.rect.join(", ")}` : "the wall";
+      add(item, "span", { textContent: `${where} ` });
+      const remove = add(item, "button", { type: "button", textContent: "Take away" });
+      remove.setAttribute("aria-label", `Take away view ${at + 1} on ${where}`);
+      remove.addEventListener("click", () =>
+        setViews(state.status.presentation.views.filter((_, other) => other !== at)));
+    });
+  }
+  ["x", "y", "z"].forEach((axis, i) => {
+    if (isFree(`head-${axis}`)) byId(`head-${axis}`).value = Number(head.position[i].toFixed(3));
+  });
+}
+
+/** Lets the controls of views, tours and the head work. */
+export function startViews() {
+  const refresh = async () => {
+    await listViews();
+    const chosen = byId("part-view").value;
+    const names = stored.map(({ name }) => new Option(name, name));
+    byId("part-view").replaceChildren(new Option("the present camera", ""), ...names);
+    byId("part-view").value = chosen;
+  };
+  const chosen = () => byId("views").value;
+  on("show-view", "click", () => chosen() && act("POST", `${viewPath(chosen())}/show`));
+  on("remove-view", "click", async () => {
+    if (chosen()) await act("DELETE", viewPath(chosen()));
+    refresh();
+  });
+  on("store-form", "submit", async (event) => {
+    event.preventDefault();
+    const name = new FormData(event.target).get("name");
+    event.target.reset();
+    await act("PUT", viewPath(name), {});
+    refresh();
+  });
+  on("play-tour", "click", playTour);
+  on("stop-tour", "click", async () => {
+    await act("DELETE", "/api/v1/tour");
+    showTour();
+  });
+  state.wall.screens.forEach((screen, at) =>
+    byId("part-screen").append(new Option(screen.name, at)));
+  on("part-form", "submit", (event) => {
+    event.preventDefault();
+    layOver();
+  });
+  on("remove-parts", "click", () => setViews([]));
+  on("head-form", "submit", (event) => {
+    event.preventDefault();
+    const position = ["x", "y", "z"].map((axis) => Number(byId(`head-${axis}`).value));
+    actAndDraw("PUT", "/api/v1/head", { position });
+  });
+  refresh();
+  showTour();
+  setInterval(() => document.hidden || showTour(), 2000);
+  return refresh;
+}

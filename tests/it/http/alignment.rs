@@ -1,0 +1,100 @@
+//! Alignment on the page: points are dragged and moved by keys, lit on the display, and put back.
+
+use polyptych_client::glam::DVec2;
+use polyptych_client::{Image, TestPattern};
+use polyptych_wall::ChannelCalibration;
+
+use super::console::open;
+use super::page::Page;
+use crate::harness::browser::Browser;
+use crate::harness::local_wall::{patient, tiled};
+use crate::harness::wait;
+
+fn adjustment(page: &Page) -> ChannelCalibration {
+    page.local.client().wall().expect("a wall").channels[0].adjustment.clone()
+}
+
+#[track_caller]
+fn await_adjusted(page: &Page, what: &str, is_it: impl Fn(&ChannelCalibration) -> bool) {
+    wait::until(what, || is_it(&adjustment(page)).then_some(()));
+}
+
+/// The middle of what is lit red on the channel, in pixels.
+fn lit(page: &Page) -> Option<DVec2> {
+    let capture = page.local.client().capture().expect("pictures");
+    let Image { width, rgba, .. } = &capture.channels[0];
+    let is_red = |code: &[u8]| code[0] > 200 && code[1] < 80 && code[2] < 80;
+    let red: Vec<usize> =
+        rgba.chunks(4).enumerate().filter(|(_, code)| is_red(code)).map(|(at, _)| at).collect();
+    let place = |at: &usize| {
+        let (x, y) = (at % *width as usize, at / *width as usize);
+        DVec2::new(x as f64 + 0.5, y as f64 + 0.5)
+    };
+    (!red.is_empty()).then(|| red.iter().map(place).sum::<DVec2>() / red.len() as f64)
+}
+
+fn handle(browser: &mut Browser, label: &str, work: &str) -> serde_json::Value {
+    let find = format!("document.querySelector('[data-handle=\"{label}\"]')");
+    browser.value(&format!("((of) => {{ {work} }})({find})"))
+}
+
+/// Presses an arrow key on a point.
+fn press(browser: &mut Browser, label: &str, key: &str) {
+    let event = format!("new KeyboardEvent('keydown', {{ key: '{key}', bubbles: true }})");
+    handle(browser, label, &format!("of.focus(); of.dispatchEvent({event});"));
+}
+
+#[test]
+fn a_channel_is_aligned_on_its_picture() {
+    let page = Page::start(&patient(tiled([2, 1], [192, 108])), &[], &[]);
+    let mut browser = open(&page);
+    browser.value("document.getElementById('align-begin').click()");
+    let pattern = || page.local.client().status().expect("a status").presentation.pattern;
+    wait::until("the pattern", || (pattern() == Some(TestPattern::Grid)).then_some(()));
+    browser.await_true("document.getElementById('align-picture').naturalWidth === 96");
+
+    // A point that is chosen is lit where it is, and where it was put.
+    let corner = "Corner lower-right";
+    press(&mut browser, corner, "ArrowLeft");
+    await_adjusted(&page, "a key", |of| of.pin[3] == DVec2::new(-1.0, 0.0));
+    let at = |page: &Page, place: DVec2| {
+        let near = |seen: &DVec2| seen.distance(place) < 4.0;
+        wait::until(&format!("light at {place}"), || lit(page).filter(near));
+    };
+    at(&page, DVec2::new(95.0, 108.0));
+    let drag = "of.scrollIntoView({ block: 'center' }); const r = of.getBoundingClientRect(); \
+                return [r.x + r.width / 2, r.y + r.height / 2];";
+    let from = handle(&mut browser, corner, drag);
+    let [x, y] = [0, 1].map(|axis| from[axis].as_f64().expect("a place"));
+    browser.drag([x, y], [x - 100.0, y - 60.0]);
+    await_adjusted(&page, "a drag", |of| of.pin[3].x < -2.0 && of.pin[3].y < -2.0);
+    let put = adjustment(&page).pin[3];
+    assert!((put.x + 1.0) / put.y > 1.4, "as far as it was dragged: {put}");
+    at(&page, DVec2::new(96.0, 108.0) + put);
+
+    browser.value("document.getElementById('align-undo').click()");
+    await_adjusted(&page, "undone", |of| of.pin[3] == DVec2::new(-1.0, 0.0));
+    press(&mut browser, "Blend at the right edge", "ArrowLeft");
+    await_adjusted(&page, "a blend", |of| of.edges.right == Some(1.0));
+    browser.value(
+        "(() => { const of = document.getElementById('align-bend'); of.value = '3x3'; \
+         of.dispatchEvent(new Event('change')); })()",
+    );
+    browser.await_true("document.querySelectorAll('.handle.bend').length === 9");
+    press(&mut browser, "Bend point column 1, row 1", "ArrowDown");
+    let moved = |of: &ChannelCalibration| of.bend.as_ref().map(|bend| bend.moves[4]);
+    await_adjusted(&page, "a bend", |of| moved(of) == Some(DVec2::new(0.0, 1.0)));
+    at(&page, DVec2::new(48.0, 55.0));
+
+    browser.value("document.getElementById('align-revert').click()");
+    await_adjusted(&page, "all is as it was", |of| *of == ChannelCalibration::default());
+    press(&mut browser, "Corner upper-left", "ArrowRight");
+    await_adjusted(&page, "kept", |of| of.pin[0] == DVec2::new(1.0, 0.0));
+    browser.value("document.getElementById('align-keep').click()");
+    wait::until("no pattern", || pattern().is_none().then_some(()));
+    let marker = page.local.client().status().expect("a status").presentation.marker;
+    assert_eq!((marker, adjustment(&page).pin[0]), (None, DVec2::new(1.0, 0.0)));
+    let curl = browser.value("document.getElementById('curl').textContent");
+    assert!(curl.as_str().is_some_and(|line| line.contains("/api/v1/pattern'")), "{curl}");
+    assert_eq!(browser.complaints, [""; 0], "errors of the page");
+}
