@@ -12,11 +12,13 @@
 
 mod acceptor;
 mod answer;
+mod archive;
 mod body;
 mod client;
 mod connection;
 mod console;
 mod events;
+mod file_stream;
 mod live_wall;
 pub mod login;
 mod openapi;
@@ -26,6 +28,7 @@ mod resources;
 mod route;
 mod stall_limit;
 mod trust;
+mod websocket;
 
 use std::net::SocketAddr;
 use std::sync::Arc;

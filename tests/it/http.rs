@@ -3,6 +3,7 @@
 mod alignment;
 mod console;
 mod hostile;
+mod live;
 mod page;
 mod pictures;
 mod routes;

@@ -354,6 +354,9 @@ class Transport:
             return Refused(self.options.address, reason)
         if status == 413:
             return RequestTooLarge(call.name, reason)
+        if status == 504:
+            self.drop()
+            return ManagerEnded(call.name, self.options.address, reason)
         if status == 503 and ("the manager ended" in reason or "the manager ends" in reason):
             self.drop()
             return ManagerEnded(call.name, self.options.address, reason)

@@ -1,14 +1,14 @@
 //! Answers: JSON, bytes and streams, with the headers that keep browsers safe; and refusals.
 
-use std::convert::Infallible;
+use std::io;
 use std::pin::Pin;
 use std::task::{Context, Poll, ready};
 
 use bytes::Bytes;
 use hyper::body::Frame;
 use hyper::header::{
-    ALLOW, CACHE_CONTROL, CONTENT_TYPE, HeaderName, HeaderValue, REFERRER_POLICY, WWW_AUTHENTICATE,
-    X_CONTENT_TYPE_OPTIONS, X_FRAME_OPTIONS,
+    ALLOW, CACHE_CONTROL, CONTENT_TYPE, HeaderName, HeaderValue, REFERRER_POLICY, RETRY_AFTER,
+    WWW_AUTHENTICATE, X_CONTENT_TYPE_OPTIONS, X_FRAME_OPTIONS,
 };
 use hyper::{Response, StatusCode};
 use polyptych_protocol::request::RequestError;
@@ -16,12 +16,16 @@ use serde::Serialize;
 use tokio::sync::OwnedSemaphorePermit;
 
 use super::events::EventStream;
+use super::file_stream::FileStream;
 
 /// Bytes that hyper is given at a time: a reader that is slow holds the rest where it is counted.
 const SLICE_BYTES: usize = 64 << 10;
 
 /// A page from another origin may not read an answer, not even as a picture.
 const RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
+
+/// Seconds after which a request that was not done may be repeated.
+const RETRY_S: HeaderValue = HeaderValue::from_static("1");
 
 /// The body of an answer.
 pub(super) enum Body {
@@ -32,16 +36,18 @@ pub(super) enum Body {
     ),
     /// Server-sent events, which end with the connection.
     Events(EventStream),
+    /// A file that is still coming.
+    File(Box<FileStream>),
 }
 
 impl hyper::body::Body for Body {
     type Data = Bytes;
-    type Error = Infallible;
+    type Error = io::Error;
 
     fn poll_frame(
         self: Pin<&mut Self>,
         context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
+    ) -> Poll<Option<io::Result<Frame<Bytes>>>> {
         match self.get_mut() {
             Self::Bytes(bytes, _) if bytes.is_empty() => Poll::Ready(None),
             Self::Bytes(bytes, _) => {
@@ -51,6 +57,10 @@ impl hyper::body::Body for Body {
             Self::Events(events) => {
                 let event = ready!(events.poll_next(context));
                 Poll::Ready(event.map(|bytes| Ok(Frame::data(bytes))))
+            }
+            Self::File(file) => {
+                let piece = ready!(file.poll_next(context));
+                Poll::Ready(piece.map(|bytes| bytes.map(Frame::data)))
             }
         }
     }
@@ -62,7 +72,7 @@ impl hyper::body::Body for Body {
     fn size_hint(&self) -> hyper::body::SizeHint {
         match self {
             Self::Bytes(bytes, _) => hyper::body::SizeHint::with_exact(bytes.len() as u64),
-            Self::Events(_) => hyper::body::SizeHint::default(),
+            Self::Events(_) | Self::File(_) => hyper::body::SizeHint::default(),
         }
     }
 }
@@ -86,7 +96,13 @@ impl Refusal {
         Self::new(StatusCode::BAD_REQUEST, reason)
     }
 
-    /// The manager has no room for it now, or ends.
+    /// The manager ended after it was sent the request.
+    pub fn outcome_unknown(self) -> Self {
+        let reason = format!("{}; whether the request was done is unknown", self.reason);
+        Self::new(StatusCode::GATEWAY_TIMEOUT, reason)
+    }
+
+    /// The manager has no room for it now, or ends: nothing was done.
     pub fn unavailable(reason: impl Into<String>) -> Self {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, reason)
     }
@@ -101,6 +117,9 @@ impl Refusal {
         let headers = answer.headers_mut();
         if self.status == StatusCode::UNAUTHORIZED {
             headers.insert(WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+        }
+        if self.status == StatusCode::SERVICE_UNAVAILABLE {
+            headers.insert(RETRY_AFTER, RETRY_S);
         }
         if let Some(allow) = self.allow.and_then(|allow| HeaderValue::from_str(&allow).ok()) {
             headers.insert(ALLOW, allow);

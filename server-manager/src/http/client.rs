@@ -112,12 +112,12 @@ impl HttpClient {
     /// Sends a request and waits for all of its answer.
     ///
     /// # Errors
-    /// The manager's refusal, or those of [`Self::send`] and [`Self::next`].
+    /// The manager's refusal, or those of [`Self::send`]; 504, where the manager ends meanwhile.
     pub async fn ask(&mut self, request: Request) -> Result<Answered, Refusal> {
         let asked = self.send(request).await?;
         let (mut warnings, mut pieces) = (Vec::new(), Vec::<Vec<u8>>::new());
         loop {
-            match self.next().await? {
+            match self.next().await.map_err(Refusal::outcome_unknown)? {
                 MessageToClient::Reply { id, reply } if id == asked => {
                     return Ok(Answered { response: reply?, warnings, pieces });
                 }

@@ -118,19 +118,27 @@ impl Connection {
         let mut seat = self.client.lock().await;
         // One that was idle may have made room for another.
         let kept = seat.take().filter(|client| !client.is_over());
-        let mut client = if let Some(client) = kept {
-            client
-        } else {
-            let (events, queues) = (&self.context.events, &self.context.queues);
-            HttpClient::join(events, queues, self.name(headers), Some(self.address)).await?
+        let mut client = match kept {
+            Some(client) => client,
+            None => self.new_client(headers).await?,
         };
         let answered = client.ask(request).await;
         let is_over = matches!(
             &answered,
             Err(refusal) if refusal.status == StatusCode::SERVICE_UNAVAILABLE
+                || refusal.status == StatusCode::GATEWAY_TIMEOUT
         );
         *seat = Some(client).filter(|_| !is_over);
         answered
+    }
+
+    /// A client of its own, for what takes long: the connection's asks one thing at a time.
+    ///
+    /// # Errors
+    /// 503, where there is no place.
+    pub async fn new_client(&self, headers: &HeaderMap) -> Result<HttpClient, Refusal> {
+        let (events, queues) = (&self.context.events, &self.context.queues);
+        HttpClient::join(events, queues, self.name(headers), Some(self.address)).await
     }
 
     /// The client's name in status and log: of its certificate, or what it calls itself.

@@ -90,7 +90,11 @@ fn parameters(route: &Route) -> Vec<Value> {
             "in": "query",
             "required": false,
             "description": meaning,
-            "schema": { "type": if *name == "feedback" { "boolean" } else { "number" } },
+            "schema": { "type": match *name {
+                "feedback" => "boolean",
+                "format" | "saved" => "string",
+                _ => "number",
+            } },
         })
     });
     in_path.chain(in_query).collect()
@@ -102,6 +106,9 @@ fn content(route: &Route) -> Value {
             let formats = [PictureFormat::Png, PictureFormat::Jpeg, PictureFormat::Rgba];
             formats.into_iter().map(|of| (of.content_type().to_owned(), json!({}))).collect()
         }
+        Action::Capture => json!({ "application/x-tar": {} }),
+        Action::Export => json!({ "model/gltf-binary": {} }),
+        Action::Live => json!({}),
         Action::Events => json!({ "text/event-stream": {} }),
         _ => json!({ "application/json": {} }),
     }

@@ -99,7 +99,8 @@ pub(super) fn side_by_side(info: &CaptureInfo, pieces: Vec<Vec<u8>>) -> Option<P
 }
 
 impl Picture {
-    fn is_whole(&self) -> bool {
+    /// Returns whether it has all of its pixels.
+    pub fn is_whole(&self) -> bool {
         let bytes = 4 * u64::from(self.width) * u64::from(self.height);
         bytes > 0 && self.rgba.len() as u64 == bytes
     }

@@ -51,7 +51,15 @@ pub(super) enum Action {
     Request,
     /// Takes a picture.
     Picture(resources::pictures::PictureOf),
+    /// Takes all pictures of a frame.
+    Capture,
+    /// Finds what a pixel shows.
+    Pick,
+    /// Sends a scene as a file.
+    Export,
     Events,
+    /// Turns the connection into a WebSocket.
+    Live,
     Description,
     /// Begins a login.
     Challenge,
@@ -95,10 +103,13 @@ pub(super) fn all() -> impl Iterator<Item = &'static Route> {
     let tables = [
         resources::wall::ROUTES,
         resources::pictures::ROUTES,
+        resources::capture::ROUTES,
+        resources::pick::ROUTES,
         resources::scene::ROUTES,
         resources::saved_sessions::ROUTES,
         resources::camera::ROUTES,
         resources::presentation::ROUTES,
+        resources::live::ROUTES,
         resources::session::ROUTES,
     ];
     tables.into_iter().flatten()
@@ -176,6 +187,9 @@ pub(super) async fn answer(
     request: Request<Incoming>,
 ) -> Result<Response<Body>, Refusal> {
     let Found { route, names } = found;
+    if matches!(route.action, Action::Live) {
+        return resources::live::begin(connection, request).await;
+    }
     let (parts, incoming) = request.into_parts();
     let known: Vec<&str> = route.query.iter().map(|(name, _)| *name).collect();
     let query = Query::parse(parts.uri.query().unwrap_or_default(), &known)?;
@@ -203,6 +217,11 @@ pub(super) async fn answer(
         Action::ShowView => resources::camera::show_view(connection, &call).await,
         Action::Request => resources::session::request(connection, &call).await,
         Action::Picture(of) => resources::pictures::answer(connection, &call, of).await,
+        Action::Capture => resources::capture::answer(connection, &call).await,
+        Action::Pick => resources::pick::answer(connection, &call).await,
+        Action::Export => resources::scene::export(connection, &call).await,
+        // Begun above, before its body would be read.
+        Action::Live => Err(Refusal::malformed("this is a WebSocket")),
         Action::Events => Ok(resources::session::events(connection, &call)),
         Action::Description => Ok(answer::json(StatusCode::OK, &super::openapi::description())),
         Action::Challenge => resources::session::challenge(connection, &call),

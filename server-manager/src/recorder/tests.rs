@@ -18,8 +18,8 @@ use polyptych_protocol::state_log::{Replica, SceneRef};
 use polyptych_scene::SceneFeatures;
 use polyptych_wall::surface::Plane;
 use polyptych_wall::{Channel, ChannelId, Screen, Surface};
-use ring::RingReader;
 
+use super::ring::RingReader;
 use super::*;
 use crate::recorded_cluster::RecordedCluster;
 use crate::replay::incident::{Incident, TimeRange};

@@ -79,7 +79,28 @@ fn check_wall(page: &Page) {
         assert_eq!(answer.code, 200, "{path}");
         assert!(answer.body.len() > 100, "{path}");
     }
+    check_capture(page);
     page.ask("GET", "/channels/attic.png", None).refused(404, "front-1-1, front-2-1");
+}
+
+fn check_capture(page: &Page) {
+    let answer = page.route("GET", "/capture?width=48&format=rgba", &[], None);
+    assert_eq!((answer.code, answer.header("content-type")), (200, Some("application/x-tar")));
+    let size = |at: usize| {
+        let digits = std::str::from_utf8(&answer.body[at + 124..at + 135]).expect("digits");
+        usize::from_str_radix(digits, 8).expect("a size")
+    };
+    let (mut at, mut files) = (0, Vec::new());
+    while answer.body[at] != 0 {
+        let name = answer.body[at..at + 100].split(|byte| *byte == 0).next().expect("a name");
+        files.push((String::from_utf8_lossy(name).into_owned(), size(at)));
+        at += 512 + size(at).next_multiple_of(512);
+    }
+    let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
+    let channels = ["channels/front-1-1.rgba", "channels/front-2-1.rgba"];
+    assert_eq!(names, ["screens/front.rgba", channels[0], channels[1], "capture.json"]);
+    assert_eq!((files[0].1, files[1].1), (48 * 27 * 4, 48 * 54 * 4));
+    page.ask("GET", "/capture?format=gif", None).refused(400, "png, jpg or rgba");
 }
 
 fn check_scene(page: &Page) {
@@ -112,6 +133,18 @@ fn check_scene(page: &Page) {
     assert_eq!(page.route("GET", "/scene/animations", &[], None).value(), json!([]));
     let play = json!({ "clip": "walk", "action": "Pause" });
     page.route("POST", "/scene/animations", &[], Some(play)).refused(422, "");
+    let middle = json!({ "screen": "front", "pixel": [240.5, 136.5] });
+    let hit = page.route("POST", "/pick", &[], Some(middle)).value();
+    assert!(hit["distance"].as_f64().is_some_and(|distance| distance > 1.0), "{hit}");
+    page.ask("POST", "/pick", Some(&json!({ "screen": "attic", "pixel": [0, 0] })))
+        .refused(422, "it has front");
+    page.ask("POST", "/pick", Some(&json!({ "screen": "front", "pixel": [0, 999] })))
+        .refused(422, "480 × 272 pixels");
+    let file = page.route("GET", "/scene/export.glb", &[], None);
+    assert_eq!((file.code, &file.body[..4]), (200, &b"glTF"[..]));
+    let told = u32::from_le_bytes(file.body[8..12].try_into().expect("a length"));
+    assert_eq!(file.body.len(), told as usize, "the whole file");
+    page.ask("GET", "/scene/export.glb?saved=attic", None).refused(422, "no scene is saved");
     page.route("PUT", "/scene/saved/{name}", &["evening%20light"], None).value();
     let saved = page.route("GET", "/scene/saved", &[], None).value();
     assert_eq!(saved[0]["name"], "evening light");
@@ -239,6 +272,7 @@ fn check_session(page: &Page) {
     let challenge = page.route("POST", "/login/challenge", &[], Some(nonce)).value();
     let code = json!({ "nonce": challenge["nonce"], "proof": challenge["proof"] });
     page.route("POST", "/login/code", &[], Some(code)).refused(401, "token");
+    page.route("GET", "/live", &[], None).refused(426, "WebSocket");
     // A stream does not end by itself; `hostile` reads it.
     page.asked.borrow_mut().insert(("GET".into(), "/events".into()));
 }

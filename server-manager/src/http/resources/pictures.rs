@@ -9,6 +9,7 @@ use polyptych_protocol::request::{CaptureInfo, Request, Response as WallResponse
 use polyptych_text::printable;
 use tokio::sync::OwnedSemaphorePermit;
 
+use crate::http::HttpContext;
 use crate::http::answer::{self, Body, Refusal};
 use crate::http::connection::Connection;
 use crate::http::picture::{self, EncodedPicture, Picture, PictureFormat};
@@ -28,9 +29,9 @@ const HEIGHT: HeaderName = HeaderName::from_static("polyptych-height");
 const FRAME: HeaderName = HeaderName::from_static("polyptych-frame");
 const MISSING: HeaderName = HeaderName::from_static("polyptych-missing");
 
-const OF_WIDTH: (&str, &str) =
+pub(super) const OF_WIDTH: (&str, &str) =
     ("width", "Pixels across, where the picture has more; each is the mean of its light.");
-const OF_TIME: (&str, &str) =
+pub(super) const OF_TIME: (&str, &str) =
     ("time_s", "Scene time in seconds; where it is not given, the wall's own clock goes on.");
 
 /// The subject of a picture.
@@ -88,10 +89,7 @@ pub(in crate::http) async fn answer(
     let ending = call.names.last().map_or("", String::as_str);
     let format = PictureFormat::from_ending(ending);
     let format = format.ok_or_else(|| Refusal::not_found("pictures are png, jpg or rgba"))?;
-    let width: u32 = call.query.number("width")?.unwrap_or(u32::MAX);
-    if width == 0 {
-        return Err(Refusal::malformed("width is 1 or more"));
-    }
+    let width = width(call)?;
     let time_s: Option<f64> = call.query.number("time_s")?;
     let age_ms: u64 = call.query.number("max_age_ms")?.unwrap_or(0).min(AGE_MS_MAX);
     if age_ms > 0 {
@@ -102,11 +100,7 @@ pub(in crate::http) async fn answer(
         let encoded = context.live.preview(age, (format, width), context.encode_jpeg).await?;
         return Ok(with_size(format, encoded, None));
     }
-    let turn = Arc::clone(&context.captures).acquire_owned();
-    let Ok(Ok(turn)) = tokio::time::timeout(TURN_TIME_MAX, turn).await else {
-        let reason = format!("{CAPTURES_MAX} captures are on their way; ask again later");
-        return Err(Refusal::unavailable(reason));
-    };
+    let turn = turn(context).await?;
     let answered = connection.ask(&call.headers, Request::Capture { time_s }).await?;
     let WallResponse::Captured(info) = answered.response else {
         return Err(Refusal::unavailable("the manager sent another answer"));
@@ -130,6 +124,26 @@ pub(in crate::http) async fn answer(
         headers.insert(MISSING, names);
     }
     Ok(answer)
+}
+
+/// The width that is asked for, at least 1.
+pub(super) fn width(call: &Call) -> Result<u32, Refusal> {
+    match call.query.number("width")?.unwrap_or(u32::MAX) {
+        0 => Err(Refusal::malformed("width is 1 or more")),
+        width => Ok(width),
+    }
+}
+
+/// Waits for a place among the captures.
+pub(super) async fn turn(context: &HttpContext) -> Result<OwnedSemaphorePermit, Refusal> {
+    let turn = Arc::clone(&context.captures).acquire_owned();
+    match tokio::time::timeout(TURN_TIME_MAX, turn).await {
+        Ok(Ok(turn)) => Ok(turn),
+        _ => {
+            let reason = format!("{CAPTURES_MAX} captures are on their way; ask again later");
+            Err(Refusal::unavailable(reason))
+        }
+    }
 }
 
 fn choose(

@@ -12,6 +12,7 @@ use serde_json::json;
 
 use crate::http::answer::{self, Body, Refusal};
 use crate::http::connection::Connection;
+use crate::http::file_stream::FileStream;
 use crate::http::route::{Action, Call, Route};
 
 /// The heading from which a scene is seen that was opened, in degrees, as `polyptych open` has it.
@@ -156,6 +157,15 @@ pub(in crate::http) const ROUTES: &[Route] = &[
         action: Action::Ask(|call| Ok(Request::RemoveSavedScene { name: call.name() })),
     },
     Route {
+        method: "GET",
+        path: "/scene/export.glb",
+        summary: "The open scene as it was edited, as binary glTF; or the one of this name that \
+                  was `saved`. An answer that breaks off is no file.",
+        query: &[("saved", "The name of a saved scene.")],
+        body: None,
+        action: Action::Export,
+    },
+    Route {
         method: "PUT",
         path: "/environment",
         summary: "Surrounds scenes by the light of a `file`, of a clear sky with `is_sky`, or of \
@@ -200,6 +210,21 @@ fn environment(call: &Call) -> Result<Request, Refusal> {
         EnvironmentBody { .. } => EnvironmentSource::None,
     };
     Ok(Request::SetEnvironment(source))
+}
+
+/// Sends a scene as a file.
+///
+/// # Errors
+/// The manager's refusal, before the first byte.
+pub(in crate::http) async fn export(
+    connection: &Connection,
+    call: &Call,
+) -> Result<Response<Body>, Refusal> {
+    let saved = call.query.get("saved").map(str::to_owned);
+    let client = connection.new_client(&call.headers).await?;
+    let file = FileStream::begin(client, Request::ExportScene { saved }).await?;
+    let body = Body::File(Box::new(file));
+    Ok(answer::with_body(StatusCode::OK, "model/gltf-binary", body))
 }
 
 /// Opens a scene.

@@ -83,7 +83,7 @@ pub(in crate::http) async fn request(
     let instead = match &request {
         Request::Capture { .. } | Request::Preview => Some("pictures are at GET /api/v1/wall.png"),
         Request::Subscribe(_) => Some("feedback is at GET /api/v1/events?feedback=true"),
-        Request::ExportScene { .. } => Some("files are exported by polyptych scene export"),
+        Request::ExportScene { .. } => Some("files are at GET /api/v1/scene/export.glb"),
         _ => None,
     };
     if let Some(instead) = instead {
