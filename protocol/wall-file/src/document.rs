@@ -3,6 +3,7 @@
 
 mod adjust;
 mod curved;
+mod launch;
 mod lists;
 
 use std::collections::BTreeMap;
@@ -12,6 +13,8 @@ use serde::{Deserialize, Serialize};
 
 pub(super) use adjust::{AdjustSection, BendSection, EdgesSection, WarpObj, WarpZero};
 pub(super) use curved::{CylinderSection, ProjectorSection, SphereSection};
+pub use launch::LaunchOutput;
+pub(super) use launch::{LaunchSection, ServerSection};
 pub(super) use lists::{Pair, Rotation, Row, ScalarOrRgb};
 use lists::{exact, some_exact};
 
@@ -57,6 +60,12 @@ pub struct Document {
     /// was made.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub channel: BTreeMap<String, AdjustSection>,
+    /// How the wall's processes are started.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub launch: Option<LaunchSection>,
+    /// `[server.NAME]`: the machine of a server that channels name, and how it is started there.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub server: BTreeMap<String, ServerSection>,
 }
 
 /// What holds for the whole wall.

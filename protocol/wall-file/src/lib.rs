@@ -35,6 +35,7 @@ mod document;
 mod error;
 mod explicit;
 mod files;
+mod launch;
 mod projector;
 mod rotation;
 mod schema;
@@ -51,7 +52,9 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+pub use document::LaunchOutput;
 pub use error::WallFileError;
+pub use launch::{Launch, ServerLaunch};
 pub use schema::schema;
 pub use write::to_toml;
 
@@ -66,6 +69,14 @@ pub const WALL_FILE_BYTES_MAX: usize = 1 << 20;
 /// # Errors
 /// [`WallFileError`] where the file cannot be read or says no wall.
 pub fn load(path: &Path) -> Result<Wall, WallFileError> {
+    load_with_launch(path).map(|(wall, _)| wall)
+}
+
+/// Reads and checks a wall file, with what it says of starting the wall's processes.
+///
+/// # Errors
+/// Those of [`load`].
+pub fn load_with_launch(path: &Path) -> Result<(Wall, Launch), WallFileError> {
     let unreadable = |error: std::io::Error| WallFileError {
         path: path.to_owned(),
         line: 0,
@@ -79,7 +90,7 @@ pub fn load(path: &Path) -> Result<Wall, WallFileError> {
     let file = File::open(path).map_err(unreadable)?;
     file.take(WALL_FILE_BYTES_MAX as u64 + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     match str::from_utf8(&bytes) {
-        Ok(text) => parse(text, path),
+        Ok(text) => parse_with_launch(text, path),
         Err(_) if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") => {
             Err(WallFileError {
                 path: path.to_owned(),
@@ -111,6 +122,15 @@ pub fn load(path: &Path) -> Result<Wall, WallFileError> {
 /// # Errors
 /// [`WallFileError`] for the first thing that is wrong: TOML, then shape, then meaning.
 pub fn parse(text: &str, path: &Path) -> Result<Wall, WallFileError> {
+    parse_with_launch(text, path).map(|(wall, _)| wall)
+}
+
+/// Checks the text of a wall file as [`parse`] does, and returns what it says of starting the
+/// wall's processes too.
+///
+/// # Errors
+/// Those of [`parse`].
+pub fn parse_with_launch(text: &str, path: &Path) -> Result<(Wall, Launch), WallFileError> {
     if text.len() > WALL_FILE_BYTES_MAX {
         return Err(WallFileError {
             path: path.to_owned(),
@@ -123,7 +143,9 @@ pub fn parse(text: &str, path: &Path) -> Result<Wall, WallFileError> {
     }
     let source = SourceText::parse(text, path)?;
     let document = source.document()?;
-    check::wall(&source, &document)
+    let wall = check::wall(&source, &document)?;
+    let launch = launch::check(&source, &document, &wall)?;
+    Ok((wall, launch))
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 mod adjusted;
 mod curved;
 pub(crate) mod generated;
+mod launch;
 mod meaning;
 pub(crate) mod random;
 mod reference;

@@ -2,6 +2,8 @@
 
 mod adjustment;
 
+use std::collections::BTreeMap;
+
 use glam::{DVec3, UVec2};
 use polyptych_wall::limits::SHARED_CANVAS_SIDE_MAX;
 use polyptych_wall::projector::Projector;
@@ -17,7 +19,8 @@ use super::rotation::{degrees, written};
 use crate::coverage::{eyes, is_plain_tile, is_seen_by};
 use crate::tiling::{Rect, gaps, overlap};
 
-/// The wall file of a checked wall: [`parse`](super::parse) gives an equal wall back.
+/// The wall file of a checked wall: [`parse`](super::parse) gives an equal wall back. It has no
+/// [`Launch`](super::Launch), which is no part of the wall.
 ///
 /// Planar screens come by corners and channels by hand, gaps between them as hidden; a screen with
 /// a [`Bezel`] comes as tiles. All tiles of a screen get the projection of its first. Angles that
@@ -53,6 +56,9 @@ pub fn to_toml(wall: &Wall) -> String {
         blend: BlendSection { exponent: wall.blend.exponent, leak: wall.blend.leak },
         screen: (0u16..).zip(&wall.screens).map(|(at, screen)| section(wall, at, screen)).collect(),
         channel: wall.channels.iter().filter_map(|c| adjusted(wall, c)).collect(),
+        // How a wall is started is no part of it.
+        launch: None,
+        server: BTreeMap::new(),
     };
     toml::to_string(&document).expect("sections are tables of texts, numbers and lists")
 }

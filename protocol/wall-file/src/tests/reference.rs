@@ -166,6 +166,21 @@ const SECTIONS: &[Section] = &[
                   stores = [\"/mnt/blobs\", \"s3://walls/blobs\"]\n",
         around: [TILED, ""],
     },
+    Section {
+        of: "LaunchSection",
+        heading: "[launch]",
+        example: "[launch]\nmanager = \"operator@head\"\naddress = \"head.example:7878\"\n\
+                  keys = \"/etc/polyptych/keys\"\noutput = \"fullscreen\"\n\
+                  environment = { DISPLAY = \":0\" }\n",
+        around: [TILED, ""],
+    },
+    Section {
+        of: "ServerSection",
+        heading: "[server.NAME]",
+        example: "[server.front-1-1]\nhost = \"operator@render1\"\n\
+                  environment = { XAUTHORITY = \"/run/user/1000/gdm/Xauthority\" }\n",
+        around: [TILED, ""],
+    },
 ];
 
 const HEAD: &str = "# The wall file, key by key
