@@ -35,6 +35,8 @@ mod stop;
 mod stored_view;
 mod surroundings;
 mod tour;
+mod unit;
+mod up;
 mod variant;
 mod verify;
 mod viewer;
@@ -86,6 +88,10 @@ enum Command {
     Manager(manager::Arguments),
     /// Run a render server, which draws one or more channels of a wall
     Server(server::Arguments),
+    /// Start all processes of a wall on their machines by ssh, keep them running, and end them
+    Up(up::Arguments),
+    /// Write files with which systemd, Slurm, Kubernetes or containers run a wall
+    Unit(unit::Arguments),
     /// Show a scene on a running wall
     Open(remote::OpenArguments),
     /// Move the camera of a running wall
@@ -225,6 +231,7 @@ impl Cli {
             Command::Manager(_) => "manager",
             Command::Server(_) => "server",
             Command::Bake(_) => "bake",
+            Command::Up(_) => "up",
             _ => "polyptych",
         }
     }
@@ -241,12 +248,27 @@ pub(crate) fn parse() -> Cli {
     parsed.unwrap_or_else(|error| error.exit())
 }
 
+/// Checks arguments of the command without running it.
+///
+/// # Errors
+/// The message of this program about them, in one line.
+pub(crate) fn check_command_line(arguments: &[String]) -> Result<(), String> {
+    let words = std::iter::once("polyptych").chain(arguments.iter().map(String::as_str));
+    let Err(error) = Cli::try_parse_from(words) else { return Ok(()) };
+    let text = error.to_string();
+    let said = text.split("\n\nUsage").next().unwrap_or_default();
+    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+    Err(said.trim_start_matches("error: ").to_owned())
+}
+
 pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     let done = match cli.command {
         Command::Demo(arguments) => return demo::run(&arguments),
         Command::Simulate(arguments) => return simulate::run(&arguments),
         Command::Manager(arguments) => manager::run(arguments),
         Command::Server(arguments) => server::run(arguments),
+        Command::Up(arguments) => up::run(&arguments),
+        Command::Unit(arguments) => unit::run(&arguments),
         Command::Open(arguments) => return remote::open(&arguments),
         Command::Camera(command) => return camera::run(&command),
         Command::Eye(arguments) => return viewer::eye(&arguments),

@@ -170,6 +170,17 @@ pub(crate) fn say_warning(text: &str) {
     }
 }
 
+/// Passes on a line that another process of the wall wrote to its standard error.
+pub(crate) fn pass_on(child: &str, line: &str) {
+    if !is_json() {
+        emit(format!("{child}: {line}\n").as_bytes(), false);
+    } else if line.starts_with('{') {
+        emit(format!("{line}\n").as_bytes(), false);
+    } else {
+        say_warning(&format!("{child}: {line}"));
+    }
+}
+
 /// A line for people who wait. Logs for programs do not have it.
 pub(crate) fn say_progress(text: &str) {
     if !is_json() {

@@ -3,11 +3,13 @@
 mod certificate_authority;
 mod cli;
 mod image_files;
+mod launch;
 mod logging;
 mod outputs;
 mod progress;
 mod simulator;
 mod state_lock;
+mod supervisor;
 
 use std::process::ExitCode;
 

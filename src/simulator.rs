@@ -8,6 +8,5 @@ pub(crate) mod gallery;
 pub(crate) mod local_wall;
 pub(crate) mod orbit;
 pub(crate) mod run_report;
-mod supervise;
 pub(crate) mod town;
 pub(crate) mod verify;

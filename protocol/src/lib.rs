@@ -45,6 +45,7 @@ pub mod saved_session;
 pub mod scene_file_list;
 pub mod screen_rest;
 pub mod server_message;
+pub mod service_notifier;
 pub mod state_log;
 pub mod stored_view;
 pub mod stream;

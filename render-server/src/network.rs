@@ -17,10 +17,12 @@ use polyptych_protocol::handshake_io::{self, ConnectionError, MessageStream};
 use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, PINGS_PER_HEARTBEAT};
 use polyptych_protocol::process;
 use polyptych_protocol::server_message::{Ping, ServerMessage};
+use polyptych_protocol::service_notifier::ServiceNotifier;
 use polyptych_protocol::stream::{ConnectError, Stream};
 use polyptych_tls::{Credentials, NodeIdentity};
 use tokio::net::UdpSocket;
 use tokio::sync::mpsc;
+use tokio::time::MissedTickBehavior;
 
 use crate::bulk::{self, BULK_JOBS_MAX, BulkJob};
 use crate::clock::{Clock, ClockEstimate};
@@ -113,14 +115,33 @@ pub(crate) fn run(
     ending: &Ending,
 ) -> Result<(), ServerError> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
+    let (notifier, jobs) = (network.options.notifier.clone(), network.jobs.clone());
+    let result = runtime.block_on(async {
         let mut connected = pin!(network.keep_connected(ending));
         tokio::select! {
             ended = &mut connected => return ended,
+            () = show_life(notifier.as_ref(), &jobs) => {}
             () = shutdown => ending.end("it was told to end"),
         }
         connected.await
-    })
+    });
+    if let Some(notifier) = &notifier {
+        notifier.stopping();
+    }
+    result
+}
+
+/// Has the render thread tell the supervisor, once a period, that it works: the sign goes through
+/// both threads, so that it stays away when either hangs. Never ready.
+async fn show_life(notifier: Option<&Arc<ServiceNotifier>>, jobs: &Sender<RenderTask>) {
+    let Some(notifier) = notifier else { return std::future::pending().await };
+    let mut period = tokio::time::interval(notifier.period());
+    period.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        period.tick().await;
+        // A full queue is a render thread that stands still.
+        let _ = jobs.try_send(RenderTask::ShowLife(Arc::clone(notifier)));
+    }
 }
 
 impl Network {
@@ -274,6 +295,9 @@ impl Network {
         let manager = &self.options.manager;
         tracing::info!(manager, wall = welcome.wall, epoch = %welcome.epoch, "connected");
         self.address = frames.get_ref().local_addr().ok();
+        if let Some(notifier) = &self.options.notifier {
+            notifier.ready();
+        }
         self.notice(
             &format!("wall {}: getting the scene ready", welcome.wall),
             ManagerState::Expected,
@@ -394,6 +418,9 @@ impl Network {
     /// Sends the render thread the connection's state, for channels with an old picture or without
     /// one.
     fn notice(&self, what: &str, manager: ManagerState) {
+        if let Some(notifier) = &self.options.notifier {
+            notifier.status(what);
+        }
         let address = self.address.map(|address| match address.port() {
             0 => address.ip().to_string(),
             _ => address.to_string(),

@@ -21,6 +21,7 @@ use moment::DrawnMoment;
 use patterns::PatternImage;
 use polyptych_protocol::command::{Frame, Swap};
 use polyptych_protocol::ids::{Epoch, Revision};
+use polyptych_protocol::service_notifier::ServiceNotifier;
 use polyptych_renderer::{
     Gpu, GpuScene, MovedItems, OcclusionCulling, Renderer, SceneBuilder, SceneLayout,
 };
@@ -80,6 +81,8 @@ pub enum RenderTask {
         /// Its channel.
         channel: String,
     },
+    /// Tell the supervisor that this thread works, and so does the one that asks.
+    ShowLife(Arc<ServiceNotifier>),
     /// End.
     Stop,
 }
@@ -272,6 +275,7 @@ impl RenderThread {
                     self.show_again(index);
                 }
             }
+            RenderTask::ShowLife(notifier) => notifier.alive(),
             RenderTask::Stop => self.is_stopping = true,
         }
     }

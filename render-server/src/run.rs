@@ -11,6 +11,7 @@ use std::time::Duration;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use polyptych_files::blob::BlobStore;
 use polyptych_protocol::handshake::Adapter;
+use polyptych_protocol::service_notifier::ServiceNotifier;
 use polyptych_protocol::token::{self, TokenError};
 use polyptych_renderer::{Gpu, GpuError};
 use tokio::sync::mpsc;
@@ -80,6 +81,8 @@ pub struct ServerOptions {
     pub slow_draw: Option<PathBuf>,
     /// Leaves out of frames what others hide, where that is faster. It changes no pixel.
     pub culls_occluded: bool,
+    /// The supervisor that is told that this server has joined, works and ends, if there is one.
+    pub notifier: Option<Arc<ServiceNotifier>>,
 }
 
 /// The destination of a server's pictures.

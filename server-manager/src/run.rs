@@ -5,6 +5,7 @@ mod clients;
 mod day_clock;
 mod exporting;
 mod importing;
+mod life_signs;
 mod metrics_snapshot;
 mod network;
 mod querying;
@@ -20,6 +21,7 @@ use std::time::Duration;
 
 use clients::{ClientSeat, progress_of, wait_for_news};
 use importing::{BakedRequest, Baking, Imported};
+use life_signs::LifeSigns;
 use network::Network;
 use polyptych_core::log_limiter::LogLimiter;
 use polyptych_core::{self, ClientRequest, Effect, Input, Micros, SessionId};
@@ -28,6 +30,7 @@ use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::server_message::ServerMessage;
+use polyptych_protocol::service_notifier::ServiceNotifier;
 use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 use polyptych_wall::Wall;
 use querying::Queries;
@@ -85,6 +88,8 @@ pub struct ManagerOptions {
     pub metrics: Option<std::net::TcpListener>,
     /// The second transport, if there is one.
     pub http: Option<HttpOptions>,
+    /// The supervisor that is told that the manager listens, works and ends, if there is one.
+    pub notifier: Option<ServiceNotifier>,
 }
 
 /// Why a manager could not run.
@@ -116,7 +121,7 @@ pub enum ManagerError {
     Http(std::io::Error),
 }
 
-/// Runs a manager until a client stops it or `shutdown` is ready.
+/// Runs a manager until a client stops it or `shutdown` is ready, and returns which.
 ///
 /// # Errors
 /// [`ManagerError`] where it cannot begin.
@@ -124,7 +129,7 @@ pub async fn run(
     listener: std::net::TcpListener,
     mut options: ManagerOptions,
     shutdown: impl Future<Output = ()>,
-) -> Result<(), ManagerError> {
+) -> Result<Goodbye, ManagerError> {
     if let Some(path) = &options.memory {
         state_file::check_writable(path).map_err(ManagerError::State)?;
     }
@@ -162,7 +167,9 @@ pub async fn run(
         welcome: hub.welcome(SessionId(0)),
     };
     let network = Network::start(listener, door).map_err(ManagerError::Listener)?;
+    hub.life_signs.ready();
     let goodbye = hub.turn(&mut inbox, shutdown).await;
+    hub.life_signs.stopping();
     network.close_door();
     drop(metrics);
     if let Some(Stopping::WithServers(job)) = hub.stopping {
@@ -171,7 +178,7 @@ pub async fn run(
     hub.settle_answers().await;
     hub.shut_down(&goodbye).await;
     drop(http);
-    Ok(())
+    Ok(goodbye)
 }
 
 /// The manager's own keys, fit for use now.
@@ -201,6 +208,7 @@ struct EventLoop {
     day_clock: day_clock::DayClock,
     /// Exports that may begin.
     exports: Arc<Semaphore>,
+    life_signs: LifeSigns,
     allowed: BlobAllowlist,
     traffic: Traffic,
     /// Control bytes of frames in both directions, since the statistics were last reset.
@@ -241,6 +249,7 @@ impl EventLoop {
         allowed.allow(&options.wall.blobs().collect::<Vec<_>>());
         let blobs = BlobStore::new(options.baker.store.join("blobs"));
         let stores = options.memory.as_deref().map(saving::Stores::beside);
+        let life_signs = LifeSigns::new(options.notifier.take());
         let (cluster, state) = startup::start_cluster(&mut options, epoch, &allowed);
         let keeper = state.map(Keeper::of).transpose().map_err(ManagerError::Thread)?;
         Ok(Self {
@@ -256,6 +265,7 @@ impl EventLoop {
             stores,
             day_clock: day_clock::DayClock::default(),
             exports: Arc::new(Semaphore::new(exporting::EXPORTS_MAX)),
+            life_signs,
             allowed,
             traffic: Traffic::default(),
             frame_bytes: 0,
@@ -328,6 +338,7 @@ impl EventLoop {
             self.serve_clients();
             self.place_nodes();
             self.release_answers();
+            self.show_life();
             match self.stopping {
                 None => {}
                 Some(Stopping::Manager) => return Goodbye::Stopped,
@@ -364,7 +375,9 @@ impl EventLoop {
         let held = self.keeper.as_ref().and_then(Keeper::due).map(Instant::from_std);
         let capture = self.collections.iter().map(|(expires, _)| *expires).min();
         let an_hour = Instant::now() + Duration::from_hours(1);
-        due.into_iter().chain(held).chain(capture).chain(self.next_look()).min().unwrap_or(an_hour)
+        let sign = self.life_signs.due();
+        let look = self.next_look();
+        due.into_iter().chain(held).chain(capture).chain(sign).chain(look).min().unwrap_or(an_hour)
     }
 
     fn welcome(&self, session: SessionId) -> Welcome {

@@ -31,6 +31,16 @@ const EXAMPLES: &[(&str, &[&str])] = &[
             "polyptych server --manager wall.example --channel left --keys server-left",
         ],
     ),
+    ("up", &["polyptych up wall.toml", "polyptych up wall.toml --json"]),
+    (
+        "unit",
+        &[
+            "polyptych unit systemd wall.toml -o units",
+            "polyptych unit slurm wall.toml -o job",
+            "polyptych unit kubernetes wall.toml -o manifests --image registry.example/polyptych",
+            "polyptych unit container wall.toml -o image",
+        ],
+    ),
     (
         "open",
         &["polyptych open town.glb", "polyptych open lamp.gltf --heading 90 --exposure 0.0005"],

@@ -8,12 +8,14 @@ use polyptych_baker::BakeCache;
 use polyptych_manager::import::Baker;
 use polyptych_manager::recorder::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
+use polyptych_protocol::command::Goodbye;
+use polyptych_protocol::service_notifier::ServiceNotifier;
 use polyptych_protocol::token;
 use polyptych_tls::{Credentials, NodeIdentity};
 use polyptych_wall::Wall;
 
 use super::shutdown_signal::shutdown_signal;
-use super::{bake_files, cache_folder, http, load_wall, log_file_warnings};
+use super::{bake_files, cache_folder, http, load_wall, log_file_warnings, say};
 use crate::state_lock::StateLock;
 
 /// Address space of one bake, in MiB: enough for scenes of several gigabytes, not for a bomb.
@@ -70,7 +72,18 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
     #[arg(require_equals = true)]
     navigate: Option<bool>,
+    /// A file that holds "starting" or "ready" and is touched every 2 s while the manager works,
+    /// for probes; systemd is told without it
+    #[arg(long, value_name = "FILE")]
+    alive: Option<PathBuf>,
+    /// End when standard input ends, as it does when the parent process does, and tell the parent
+    /// if a client stops the wall
+    #[arg(long, hide = true)]
+    with_parent: bool,
 }
+
+/// The line of standard output by which a manager tells its parent that a client has stopped it.
+pub(super) const WALL_STOPPED: &str = "wall stopped";
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let mut wall = load_wall(&arguments.wall)?;
@@ -78,9 +91,12 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     if let Some(folder) = &arguments.keys {
         Credentials::load(folder)?.expect_identity(&NodeIdentity::Manager)?;
     }
-    let listener = bind(&listen, arguments.keys.is_some() || arguments.insecure)?;
-    let metrics = arguments.metrics.map(|at| bind_metrics(&at, arguments.insecure)).transpose()?;
     let may_be_open = arguments.keys.is_some() || arguments.insecure;
+    let listener = match inherited_listener(may_be_open)? {
+        Some(listener) => listener,
+        None => bind(&listen, may_be_open)?,
+    };
+    let metrics = arguments.metrics.map(|at| bind_metrics(&at, arguments.insecure)).transpose()?;
     let http = arguments.http.map(|at| http::bind(&at, may_be_open, arguments.http_host));
     let http = http.transpose()?;
     let token = match &arguments.token_file {
@@ -120,8 +136,9 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         recorder: arguments.record.as_deref().map(Recorder::open).transpose()?,
         metrics,
         http,
+        notifier: ServiceNotifier::from_environment(arguments.alive.as_deref())?,
     };
-    let is_asked_to_end = shutdown_signal(false)?;
+    let is_asked_to_end = shutdown_signal(arguments.with_parent)?;
     let address = listener.local_addr()?;
     let secret = options.keys.as_ref().unwrap_or(&token).display();
     let peers_need = if options.keys.is_some() { "keys" } else { "token" };
@@ -136,7 +153,30 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         tracing::info!(%url, "HTTP is offered; polyptych login prints a link");
     }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    Ok(runtime.block_on(run_manager(listener, options, is_asked_to_end))?)
+    let goodbye = runtime.block_on(run_manager(listener, options, is_asked_to_end))?;
+    if arguments.with_parent && goodbye != Goodbye::Ended {
+        say(WALL_STOPPED)?;
+    }
+    Ok(())
+}
+
+/// The socket that a service manager has bound for this process, if there is one.
+fn inherited_listener(may_be_open: bool) -> anyhow::Result<Option<TcpListener>> {
+    let mut sockets = listenfd::ListenFd::from_env();
+    if sockets.len() > 1 {
+        bail!(
+            "the service manager hands over {} sockets; write one ListenStream into the unit",
+            sockets.len()
+        );
+    }
+    let listener = sockets.take_tcp_listener(0).context(
+        "the socket of the service manager is none of TCP; write ListenStream=ADDRESS:PORT into \
+         the socket unit",
+    )?;
+    if let Some(listener) = &listener {
+        refuse_open_address(&[listener.local_addr()?], may_be_open)?;
+    }
+    Ok(listener)
 }
 
 /// The folders of the wall file and those of the command.
@@ -183,11 +223,23 @@ pub(super) fn make_token(path: &std::path::Path) -> anyhow::Result<String> {
     Ok(token::read_or_create(path, secret)?)
 }
 
-fn bind(listen: &str, may_be_open: bool) -> anyhow::Result<TcpListener> {
+pub(super) fn bind(listen: &str, may_be_open: bool) -> anyhow::Result<TcpListener> {
     let resolved = listen.to_socket_addrs();
     let addresses: Vec<SocketAddr> = resolved
         .with_context(|| format!("cannot listen on {listen}; an address is HOST:PORT"))?
         .collect();
+    refuse_open_address(&addresses, may_be_open)?;
+    TcpListener::bind(&addresses[..]).map_err(|error| match error.kind() {
+        std::io::ErrorKind::AddrInUse => anyhow::anyhow!(
+            "{listen} is in use; end the manager that runs there (polyptych stop --manager \
+             {listen}) or choose another address with --listen"
+        ),
+        _ => anyhow::anyhow!("cannot listen on {listen}: {error}"),
+    })
+}
+
+/// Refuses addresses that other machines reach, without keys.
+fn refuse_open_address(addresses: &[SocketAddr], may_be_open: bool) -> anyhow::Result<()> {
     if let Some(open) = addresses.iter().find(|address| !address.ip().is_loopback())
         && !may_be_open
     {
@@ -197,13 +249,7 @@ fn bind(listen: &str, may_be_open: bool) -> anyhow::Result<TcpListener> {
              127.0.0.1, or say --insecure on a network that you trust"
         );
     }
-    TcpListener::bind(&addresses[..]).map_err(|error| match error.kind() {
-        std::io::ErrorKind::AddrInUse => anyhow::anyhow!(
-            "{listen} is in use; end the manager that runs there (polyptych stop --manager \
-             {listen}) or choose another address with --listen"
-        ),
-        _ => anyhow::anyhow!("cannot listen on {listen}: {error}"),
-    })
+    Ok(())
 }
 
 /// Metrics are plain HTTP without a password.

@@ -5,9 +5,11 @@ use std::net::ToSocketAddrs;
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::Command;
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{anyhow, bail};
+use polyptych_protocol::service_notifier::ServiceNotifier;
 use polyptych_protocol::stream::check_addresses;
 use polyptych_protocol::token;
 use polyptych_render::{
@@ -77,6 +79,10 @@ pub(super) struct Arguments {
     /// Draw what others hide, too: for measurements. The pictures are the same
     #[arg(long, hide_short_help = true)]
     no_occlusion: bool,
+    /// A file that holds "starting" or "ready" and is touched every 2 s while the server works, for
+    /// probes; systemd is told without it
+    #[arg(long, value_name = "FILE")]
+    alive: Option<PathBuf>,
     /// End when standard input ends, as it does when the parent process does
     #[arg(long, hide = true)]
     with_parent: bool,
@@ -126,6 +132,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         present_delay: arguments.present_delay.unwrap_or_default(),
         slow_draw: arguments.slow_draw,
         culls_occluded: !arguments.no_occlusion,
+        notifier: ServiceNotifier::from_environment(arguments.alive.as_deref())?.map(Arc::new),
         on_close: arguments.tell_closed.then_some(tell_parent as fn(&str)),
     };
     let is_asked_to_end = shutdown_signal(arguments.with_parent)?;

@@ -4,7 +4,7 @@
 //! object a second.
 
 mod rates;
-mod status_poller;
+pub(super) mod status_poller;
 mod table;
 mod terminal;
 

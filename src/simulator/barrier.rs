@@ -118,10 +118,12 @@ fn measure_ours(
             recorder,
             metrics: None,
             http: None,
+            notifier: None,
         };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let shutdown = async move { end.cancelled().await };
-        runtime.block_on(run_manager(listener, options, shutdown)).map_err(std::io::Error::other)
+        let ran = runtime.block_on(run_manager(listener, options, shutdown));
+        ran.map(drop).map_err(std::io::Error::other)
     })?;
     let began = Instant::now();
     let stubs = stub::start(&address, servers, &secrets, &stop)?;

@@ -23,7 +23,7 @@ use crate::cli::shutdown_signal::watch_shutdown_signals;
 use crate::logging;
 use crate::simulator::ending::{EndRequest, Ending};
 use crate::simulator::faults::{FaultHooks, FaultProxy};
-use crate::simulator::supervise::{ChildCommand, ChildState, OnLine, Supervisor};
+use crate::supervisor::{ChildCommand, ChildState, OnLine, RestartPolicy, Supervisor};
 
 /// Maximum time for all servers together to connect: a machine with two cores opens sixteen
 /// software devices in about ten seconds.
@@ -31,6 +31,9 @@ const START_TIME_MAX: Duration = Duration::from_secs(90);
 
 /// Between two looks at who has come.
 const LOOK_PERIOD: Duration = Duration::from_millis(50);
+
+/// Servers come back so long after they ended: a report of faults counts on it.
+const RESTARTS: RestartPolicy = RestartPolicy::even(Duration::from_secs(1));
 
 /// Longest wait for a scene: it is baked first.
 const OPEN_TIME_MAX: Duration = Duration::from_mins(30);
@@ -123,10 +126,11 @@ impl LocalWall {
             recorder,
             metrics: None,
             http,
+            notifier: None,
         };
         let manager = start_manager(listener, options, stop.clone())?;
         let end = Arc::new(EndRequest::default());
-        let supervisor = Supervisor::start(commands, on_line(&end))?;
+        let supervisor = Supervisor::start(commands, RESTARTS, on_line(&end))?;
         end.add_stop(stop.clone());
         end.add_stop(supervisor.stop_token());
         end_on_interrupt(&end, folder.path())?;
@@ -291,7 +295,14 @@ fn server_commands(
             environment.push(("XDG_RUNTIME_DIR".into(), folder.into()));
         }
         let program = program.clone();
-        ChildCommand { name: name.to_owned(), program, arguments, environment }
+        ChildCommand {
+            name: name.to_owned(),
+            program,
+            arguments,
+            environment,
+            gate: None,
+            reports_errors: false,
+        }
     };
     Ok(servers.into_iter().map(command).collect())
 }
@@ -300,7 +311,7 @@ fn server_commands(
 fn on_line(end: &Arc<EndRequest>) -> OnLine {
     let end = Arc::clone(end);
     Arc::new(move |line| {
-        if line.starts_with(WINDOW_CLOSED) {
+        if line.text.starts_with(WINDOW_CLOSED) {
             end.request(Ending::WindowClosed);
         }
     })

@@ -6,6 +6,8 @@
 //! - `manager_kills`: what a manager has said to be done outlives it
 //! - `restarts`: what a manager keeps that is started again, by another path or with an edited file
 //! - `beginnings`: what stands in the way of a process that starts, or outlives it
+//! - `up`: all processes of a wall are started on their machines, kept, and ended
+//! - `units`: the files with which other systems run a wall, and what these hear of it
 //! - `stopping`: a wall is stopped, with its servers or without, by a command or a signal
 //! - `hostile`: strangers, clients and disks that would stop a wall if they could
 //! - `back_pressure`: peers that flood or don't read cost the others nothing
@@ -113,7 +115,9 @@ mod tours;
 mod trust;
 mod tuning;
 mod twins;
+mod units;
 mod unlit;
+mod up;
 mod variants;
 mod views;
 mod wall_files;

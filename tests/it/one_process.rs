@@ -39,6 +39,7 @@ pub(super) fn start_manager(wall: Wall, place: &TestDir) -> (String, Arc<Notify>
         recorder: None,
         metrics: None,
         http: None,
+        notifier: None,
     };
     let end = Arc::new(Notify::new());
     let ended = Arc::clone(&end);
@@ -74,6 +75,7 @@ pub(super) fn start_server(
         present_delay: std::time::Duration::ZERO,
         slow_draw: None,
         culls_occluded: true,
+        notifier: None,
         on_close: None,
     };
     let end = Arc::new(Notify::new());

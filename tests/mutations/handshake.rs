@@ -61,6 +61,7 @@ fn start_manager() -> (SocketAddr, Arc<Notify>, JoinHandle<()>) {
         recorder,
         metrics,
         http: None,
+        notifier: None,
     };
     let end = Arc::new(Notify::new());
     let ended = Arc::clone(&end);

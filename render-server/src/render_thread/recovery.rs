@@ -130,6 +130,7 @@ impl RenderThread {
             // The queue must not fill up meanwhile; frames can't be drawn.
             while let Ok(job) = self.queues.jobs.try_recv() {
                 match job {
+                    RenderTask::ShowLife(notifier) => notifier.alive(),
                     RenderTask::Stop => self.is_stopping = true,
                     RenderTask::Notice(notice) => self.showing.set_connection_status(notice),
                     RenderTask::Disconnected => {

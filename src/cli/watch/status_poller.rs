@@ -51,10 +51,10 @@ impl Latest {
 
 /// The thread's results. It ends with the process.
 #[derive(Debug)]
-pub(super) struct StatusPoller(Arc<Mutex<Latest>>);
+pub(in crate::cli) struct StatusPoller(Arc<Mutex<Latest>>);
 
 impl StatusPoller {
-    pub fn start(manager: &ManagerAddress) -> std::io::Result<Self> {
+    pub(in crate::cli) fn start(manager: &ManagerAddress) -> std::io::Result<Self> {
         let latest = Latest { manager: manager.manager.clone(), ..Latest::default() };
         let shared = Arc::new(Mutex::new(latest));
         let (source, manager) = (Self(Arc::clone(&shared)), manager.clone());
@@ -72,7 +72,14 @@ impl StatusPoller {
         Ok(source)
     }
 
-    pub fn latest(&self) -> Latest {
+    /// Returns the last answer if there is no newer trouble, and that trouble.
+    pub(in crate::cli) fn known(&self) -> (Option<WallStatus>, Option<String>) {
+        let Latest { status, trouble, .. } = self.latest();
+        let trouble = trouble.map(|outage| outage.reason);
+        (status.filter(|_| trouble.is_none()), trouble)
+    }
+
+    pub(super) fn latest(&self) -> Latest {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }

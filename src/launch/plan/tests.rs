@@ -1,0 +1,88 @@
+//! Plans of a wall of two servers.
+
+use super::*;
+
+const WALL: &str = "[wall]\nname = \"w\"\n[[screen]]\nname = \"f\"\nsize = [2.0, 1.0]\n\
+                    center = [0.0, 0.0, -1.0]\n[screen.tiles]\ncolumns = 2\npixels = [100, 100]\n\
+                    servers = [\"a\", \"b\"]\n";
+
+fn plan(lines: &str) -> anyhow::Result<LaunchPlan> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("w.toml");
+    std::fs::write(&file, format!("{WALL}{lines}")).expect("written");
+    LaunchPlan::load(&file)
+}
+
+#[track_caller]
+fn address(lines: &str) -> Result<String, String> {
+    plan(lines).expect(lines).manager_address().map_err(|error| error.to_string())
+}
+
+#[test]
+fn servers_are_told_an_address_that_they_reach() {
+    let keys = "[launch]\nkeys = \"/k\"\n";
+    let any = "[network]\nlisten = \"0.0.0.0:9000\"\n";
+    assert_eq!(address("").as_deref(), Ok("127.0.0.1:7878"));
+    assert_eq!(address(&format!("{keys}{any}")).as_deref(), Ok("127.0.0.1:9000"));
+    let given = format!("{keys}address = \"head:1\"\n{any}[server.a]\nhost = \"r\"\n");
+    assert_eq!(address(&given).as_deref(), Ok("head:1"));
+    let fixed = format!("{keys}[network]\nlisten = \"10.0.0.1:9\"\n[server.a]\nhost = \"r\"\n");
+    assert_eq!(address(&fixed).as_deref(), Ok("10.0.0.1:9"));
+    // All on one machine, which may be another one; and this machine by another name.
+    let there =
+        "[launch]\nmanager = \"me@r\"\n[server.a]\nhost = \"r\"\n[server.b]\nhost = \"r\"\n";
+    assert_eq!(address(there).as_deref(), Ok("127.0.0.1:7878"));
+    let here = "[server.a]\nhost = \"root@localhost\"\n[server.b]\nhost = \"127.0.0.2\"\n";
+    assert_eq!(address(here).as_deref(), Ok("127.0.0.1:7878"));
+    for (lines, parts) in [
+        (
+            "[server.a]\nhost = \"r\"\n",
+            ["launch.address", "server a runs on r", "127.0.0.1:7878 only"],
+        ),
+        (
+            "[launch]\nmanager = \"r\"\n",
+            ["launch.address", "server a runs on this", "head.example"],
+        ),
+        (any, ["network.listen", "nothing is encrypted", "keys = \"/FOLDER\""]),
+        ("[network]\nlisten = \"127.0.0.1:0\"\n", ["network.listen", "port 0", "7878"]),
+    ] {
+        let error = address(lines).expect_err(lines);
+        assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+    }
+}
+
+#[test]
+fn command_lines_say_what_the_file_does() {
+    let plan = plan(
+        "[launch]\nkeys = \"/k/\"\nwall = \"/w.toml\"\n\
+         manager_arguments = [\"--http\", \"127.0.0.1:80\"]\n[server.b]\nhost = \"me@r\"\n\
+         output = \"fullscreen\"\narguments = [\"--monitor\", \"DP 1\"]\n",
+    )
+    .expect("a plan");
+    let manager = "manager /w.toml --listen 127.0.0.1:7878 --keys /k/manager --http 127.0.0.1:80";
+    assert_eq!(plan.manager_there().join(" "), manager);
+    let server = plan.server_there("b", "h:1", LaunchOutput::Headless);
+    let expected = "server --manager h:1 --name b --channel f-2-1 --fullscreen --keys /k/server-b \
+                    --monitor DP 1";
+    assert_eq!(server.join(" "), expected);
+    let machines = plan.machines();
+    let summary: Vec<_> =
+        machines.iter().map(|it| (it.host, it.has_manager, it.servers.clone())).collect();
+    assert_eq!(summary, [(None, true, vec!["a"]), (Some("me@r"), false, vec!["b"])]);
+}
+
+#[test]
+fn arguments_that_the_command_refuses_are_refused_before_anything_starts() {
+    for (lines, parts) in [
+        ("[launch]\nmanager_arguments = [\"--htpp\"]\n", ["launch.manager_arguments", "--htpp"]),
+        ("[launch]\nserver_arguments = [\"x\"]\n", ["server_arguments", "'x'"]),
+        (
+            "[server.b]\narguments = [\"--monitor\", \"x\"]\n",
+            ["server.b.arguments", "--fullscreen"],
+        ),
+    ] {
+        let error = plan(lines).expect_err(lines).to_string();
+        assert!(error.contains("w.toml: "), "{error}");
+        assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+    }
+}
