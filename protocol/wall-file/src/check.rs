@@ -22,7 +22,7 @@ use super::error::WallFileError;
 use super::files::Files;
 use super::screen::{self, ChannelDraft, PlacedSection};
 use super::source::SourceText;
-use super::{calibration, visibility};
+use super::{calibration, device, visibility};
 
 /// Farthest coordinate of display space: a thousand kilometres is a slip of the unit, and larger
 /// numbers would overflow when they are squared and multiplied.
@@ -51,6 +51,7 @@ pub(super) fn wall(source: &SourceText<'_>, document: &Document) -> Result<Wall,
     let scenes = folders(source, &document.storage)?;
     let eye = DVec3::from_array(document.wall.eye);
     let blend = blend(source, &document.blend)?;
+    let devices = device::devices(source, &document.device)?;
     let mut files = Files::default();
     let (screens, mut channels) = screens(source, &document.screen, &mut files)?;
     check_names(source, &document.screen, &channels)?;
@@ -79,6 +80,7 @@ pub(super) fn wall(source: &SourceText<'_>, document: &Document) -> Result<Wall,
         scenes,
         budget,
         shadows: document.wall.shadows,
+        devices,
     })
 }
 

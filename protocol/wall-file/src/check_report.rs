@@ -8,6 +8,7 @@ mod angular_size;
 mod blend_row;
 mod channel_row;
 mod crossing;
+mod device_row;
 mod lit_part;
 mod plausibility;
 mod text;
@@ -23,6 +24,7 @@ use crate::coverage::{self, Coverage, Region, is_plain_tile};
 
 pub use blend_row::BlendRow;
 pub use channel_row::{ChannelRow, ProjectorRow};
+pub use device_row::DeviceRow;
 
 /// Places of a curved screen, across and down, of which the one nearest to the eye is taken.
 const NEAREST_SIDE: u32 = 64;
@@ -50,6 +52,9 @@ pub struct CheckReport {
     pub channels: Vec<ChannelRow>,
     /// The places with the worst blends, screen by screen; none if channels share no light.
     pub blends: Vec<BlendRow>,
+    /// Trackers, wands and pads, in the order of the wall file; left out if there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub devices: Vec<DeviceRow>,
     /// Warnings about what works, but will not look its best.
     pub warnings: Vec<String>,
 }
@@ -176,6 +181,7 @@ impl CheckReport {
             stereo: stereo(wall),
             eye_separation_m: wall.eye_separation_m,
             near_m: wall.near_m,
+            devices: wall.devices.iter().map(DeviceRow::new).collect(),
             warnings: warnings::warnings(wall, &screens, &channels),
             screens,
             channels,

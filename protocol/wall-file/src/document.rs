@@ -3,6 +3,7 @@
 
 mod adjust;
 mod curved;
+mod device;
 mod launch;
 mod lists;
 
@@ -15,6 +16,9 @@ pub(super) use adjust::{AdjustSection, BendSection, EdgesSection, WarpObj, WarpZ
 pub(super) use curved::{CylinderSection, ProjectorSection, SphereSection};
 pub use launch::LaunchOutput;
 pub(super) use launch::{LaunchSection, ServerSection};
+pub(super) use device::{
+    DeviceKind, DeviceSection, FlySection, FormChoice, FrameSection, HeadSection,
+};
 pub(super) use lists::{Pair, Rotation, Row, ScalarOrRgb};
 use lists::{exact, some_exact};
 
@@ -66,6 +70,9 @@ pub struct Document {
     /// `[server.NAME]`: the machine of a server that channels name, and how it is started there.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub server: BTreeMap<String, ServerSection>,
+    /// Trackers, wands and pads, which `polyptych devices` reads; 16 at most.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub device: Vec<DeviceSection>,
 }
 
 /// What holds for the whole wall.

@@ -27,9 +27,11 @@
 mod calibration;
 mod check;
 pub mod check_report;
+mod control;
 mod cover;
 pub mod coverage;
 mod curved;
+mod device;
 pub mod difference;
 mod document;
 mod error;

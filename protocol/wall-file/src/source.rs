@@ -105,6 +105,12 @@ impl<'a> SourceText<'a> {
                     }
                 }
                 "channel" => self.check_adjustments(value.get_ref())?,
+                "device" => {
+                    self.check_table_list(name, name, value.get_ref())?;
+                    for (index, device) in items(value.get_ref()) {
+                        self.check_device(&format!("device[{index}]"), device)?;
+                    }
+                }
                 _ => {}
             }
         }
@@ -128,6 +134,17 @@ impl<'a> SourceText<'a> {
                     let key = format!("{key}[{index}].projector");
                     self.check_table(&key, thrown.get_ref(), "screen.channel.projector")?;
                 }
+            }
+        }
+        Ok(())
+    }
+
+    fn check_device(&self, above: &str, device: &DeValue<'_>) -> Result<(), WallFileError> {
+        for (name, value) in device.as_table().into_iter().flatten() {
+            let name = name.get_ref().as_ref();
+            if matches!(name, "frame" | "head" | "fly") {
+                let key = format!("{above}.{name}");
+                self.check_table(&key, value.get_ref(), &format!("device.{name}"))?;
             }
         }
         Ok(())

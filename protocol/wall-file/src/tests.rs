@@ -2,6 +2,7 @@
 
 mod adjusted;
 mod curved;
+mod devices;
 pub(crate) mod generated;
 mod launch;
 mod meaning;

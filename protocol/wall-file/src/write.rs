@@ -1,6 +1,7 @@
 //! From a [`Wall`] back to a wall file.
 
 mod adjustment;
+mod device;
 
 use std::collections::BTreeMap;
 
@@ -59,6 +60,7 @@ pub fn to_toml(wall: &Wall) -> String {
         // How a wall is started is no part of it.
         launch: None,
         server: BTreeMap::new(),
+        device: wall.devices.iter().map(device::section).collect(),
     };
     toml::to_string(&document).expect("sections are tables of texts, numbers and lists")
 }

@@ -11,6 +11,7 @@ pub mod channel;
 pub mod channel_calibration;
 pub mod channel_mapping;
 pub mod color;
+pub mod device;
 mod drawable;
 pub mod foldover;
 pub mod frustum;
@@ -55,10 +56,11 @@ pub use shadow_filter::ShadowFilter;
 pub use surface::Surface;
 pub use viewpoint::{StereoMode, StereoRule, Viewpoint};
 
+use crate::device::Device;
 use crate::limits::{
     CANVAS_SIDE_MAX, CHANNEL_SIDE_MAX, CHANNELS_MAX, DEADLINE_FACTOR_DEFAULT, DEADLINE_MAX_DEFAULT,
-    DEADLINE_MIN_DEFAULT, HEARTBEAT_DEFAULT, PIPELINE_DEPTH_MAX, SCREENS_MAX, SWAP_LEAD_MS_MAX,
-    WALL_FILES_MAX,
+    DEADLINE_MIN_DEFAULT, DEVICES_MAX, HEARTBEAT_DEFAULT, PIPELINE_DEPTH_MAX, SCREENS_MAX,
+    SWAP_LEAD_MS_MAX, WALL_FILES_MAX,
 };
 
 /// From one eye to the other: the mean of adults, N. Dodgson, *Variation and extrema of human
@@ -113,6 +115,9 @@ pub struct Wall {
     /// The shadows of a scene's lights.
     #[serde(default)]
     pub shadows: ShadowFilter,
+    /// Trackers, wands and pads.
+    #[serde(default)]
+    pub devices: Vec<Device>,
 }
 
 /// The memory that each server may take for the open scene; `None` for no limit.
@@ -250,6 +255,7 @@ impl Wall {
             scenes: Vec::new(),
             budget: MemoryBudget::default(),
             shadows: ShadowFilter::default(),
+            devices: Vec::new(),
         }
     }
 
@@ -283,6 +289,9 @@ impl Wall {
         }
         if !self.stereo.is_sound() {
             return Some("the error of omnidirectional stereo is out of range".into());
+        }
+        if self.devices.len() > DEVICES_MAX {
+            return Some(format!("the wall has more than {DEVICES_MAX} devices"));
         }
         if self.files.len() > WALL_FILES_MAX {
             return Some(format!("the wall has more than {WALL_FILES_MAX} files"));

@@ -9,6 +9,9 @@ pub const CHANNELS_MAX: usize = 1024;
 /// Most screens of a wall.
 pub const SCREENS_MAX: usize = 256;
 
+/// Maximum number of trackers, wands and pads of a wall.
+pub const DEVICES_MAX: usize = 16;
+
 /// Most files that a wall refers to: three for each channel, and one for each screen.
 pub const WALL_FILES_MAX: usize = 3 * CHANNELS_MAX + SCREENS_MAX;
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 use polyptych_wall::{Channel, ChannelKind, Wall};
 
-use super::{ChannelRow, ProjectorRow, ScreenRow, Stereo, stereo};
+use super::{ChannelRow, ProjectorRow, ScreenRow, Stereo, device_row, stereo};
 
 /// Sides of screens that are built, in metres: from a viewfinder to the outside of the Sphere in
 /// Las Vegas, 157 m wide.
@@ -44,6 +44,7 @@ pub(super) fn warnings(wall: &Wall, screens: &[ScreenRow], channels: &[ChannelRo
         }
     }
     warnings.extend(servers(channels));
+    warnings.extend(device_row::warnings(wall));
     warnings
 }
 

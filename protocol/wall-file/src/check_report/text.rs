@@ -70,6 +70,7 @@ impl fmt::Display for CheckReport {
         for (name, why) in unknown {
             writeln!(f, "–: channel {name}: {why}")?;
         }
+        self.devices.iter().try_for_each(|device| writeln!(f, "{device}"))?;
         if !self.warnings.is_empty() {
             writeln!(f)?;
         }

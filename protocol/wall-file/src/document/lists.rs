@@ -70,6 +70,12 @@ pub(super) fn some_points<'de, D: Deserializer<'de>>(
     deserializer.deserialize_seq(Exactly::of("points")).map(Some)
 }
 
+pub(super) fn some_corners<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<Option<[Row; 2]>, D::Error> {
+    deserializer.deserialize_seq(Exactly::of("points")).map(Some)
+}
+
 pub(super) fn some_rows<'de, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<Option<[Row; 3]>, D::Error> {

@@ -32,6 +32,11 @@ const THROWN: &str = "[[screen.channel]]\nname = \"curve\"\npixels = [1920, 1080
                       [screen.channel.projector]\nposition = [0.0, 2.0, 1.0]\n\
                       look_at = [0.0, 2.0, -2.0]\ndegrees = [60.0, 34.0]\n";
 
+const TRACKED: &str = "[wall]\nname = \"lab\"\n[[screen]]\nname = \"front\"\n\
+                       size = [4.0, 1.125]\ncenter = [0.0, 1.6, -2.0]\n\
+                       [screen.tiles]\ncolumns = 2\npixels = [1920, 1080]\n\
+                       [[device]]\nname = \"t\"\nkind = \"osc\"\nlisten = \"0.0.0.0:9000\"\n";
+
 /// In the order in which a person writes them.
 const SECTIONS: &[Section] = &[
     Section {
@@ -180,6 +185,34 @@ const SECTIONS: &[Section] = &[
         example: "[server.front-1-1]\nhost = \"operator@render1\"\n\
                   environment = { XAUTHORITY = \"/run/user/1000/gdm/Xauthority\" }\n",
         around: [TILED, ""],
+    },
+    Section {
+        of: "DeviceSection",
+        heading: "[[device]]",
+        example: "[[device]]\nname = \"tracker\"\nkind = \"osc\"\nlisten = \"0.0.0.0:9000\"\n",
+        around: [TILED, "[device.head]\npose = \"/head\"\n"],
+    },
+    Section {
+        of: "FrameSection",
+        heading: "[device.frame]",
+        example: "[device.frame]\naxes = [\"x\", \"z\", \"-y\"]\nunit = 0.001\n\
+                  origin = [0.0, 0.0, -2.0]\n",
+        around: [TRACKED, "[device.head]\npose = \"/head\"\n"],
+    },
+    Section {
+        of: "HeadSection",
+        heading: "[device.head]",
+        example: "[device.head]\nposition = \"/head/position\"\nrotation = \"/head/angles\"\n\
+                  form = \"euler-degrees\"\norder = \"yxz\"\neyes = [0.0, -0.06, -0.09]\n\
+                  prediction_ms = 20\nbounds = [[-2.0, 1.0, -1.0], [2.0, 2.1, 3.0]]\n",
+        around: [TRACKED, ""],
+    },
+    Section {
+        of: "FlySection",
+        heading: "[device.fly]",
+        example: "[device.fly]\nforward = \"/wand/stick[1]\"\nturn = \"/wand/stick\"\n\
+                  speed = 2.0\n",
+        around: [TRACKED, ""],
     },
 ];
 
