@@ -17,6 +17,7 @@
 
 mod captures;
 mod clips;
+mod devices;
 mod displays;
 mod exports;
 mod quality;

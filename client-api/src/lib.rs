@@ -43,6 +43,7 @@ mod clips;
 mod connect;
 mod connection;
 mod connection_handle;
+mod devices;
 mod dial;
 mod displays;
 mod error;
@@ -83,6 +84,7 @@ pub use glam;
 pub use polyptych_protocol::calibration_marker::{CalibrationMarker, MarkedPoint};
 pub use polyptych_protocol::clip::{ClipAction, ClipChange, ClipStatus, ClipSummary};
 pub use polyptych_protocol::delivery::QUEUED_REQUESTS_MAX;
+pub use polyptych_protocol::device_status::{DeviceState, DeviceStatus};
 pub use polyptych_protocol::environment::EnvironmentSource;
 pub use polyptych_protocol::exported_scene::ExportedScene;
 pub use polyptych_protocol::feedback::{
@@ -93,6 +95,7 @@ pub use polyptych_protocol::feedback::{Edited, Tuned};
 pub use polyptych_protocol::follow::Follow;
 pub use polyptych_protocol::head_update::HeadUpdate;
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
+pub use polyptych_protocol::navigation::Flight;
 pub use polyptych_protocol::node_query::{
     LayerInfo, NODES_MAX, NearestPoint, NearestQuery, NodeInfo, NodeKind, NodePage, NodeQuery,
     RayHit, RayQuery, RegionQuery,

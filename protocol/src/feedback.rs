@@ -6,6 +6,7 @@ use polyptych_scene::{NodeId, provisional_asset_index};
 use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
+use crate::device_status::DeviceStatus;
 use crate::ids::{Digest, Epoch, FrameId, Revision};
 use crate::presentation::Presentation;
 use crate::progress::Opening;
@@ -219,6 +220,9 @@ pub struct WallStatus {
     /// The rules by which displays go dark by themselves, and whether they are.
     #[serde(default)]
     pub rest: RestStatus,
+    /// The trackers, wands and pads of the wall file, in its order.
+    #[serde(default)]
+    pub devices: Vec<DeviceStatus>,
 }
 
 /// A channel as it stands.

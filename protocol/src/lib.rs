@@ -20,6 +20,7 @@ mod capture_info;
 pub mod clip;
 pub mod command;
 pub mod delivery;
+pub mod device_status;
 pub mod environment;
 pub mod exported_scene;
 pub mod feedback;

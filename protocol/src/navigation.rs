@@ -1,6 +1,6 @@
-//! Camera moves made with the mouse over a window.
+//! Moves of the wall's camera by the mouse over a window, and by wands and pads.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// A move of the wall's camera about the middle of the open scene, as the mouse over one of its
@@ -30,5 +30,25 @@ impl Navigation {
     pub fn is_sound(&self) -> bool {
         let is_finite = self.orbit_rad.is_finite() && self.pan.is_finite();
         is_finite && self.zoom.is_finite() && self.zoom > 0.0
+    }
+}
+
+/// A move of the wall's camera by a wand or a pad: the viewer flies through the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Flight {
+    /// Offset of the viewer along the axes of display space, in its metres.
+    pub offset_m: DVec3,
+    /// Turn of the view to the right, about the scene's vertical through the viewer, and up; in
+    /// radians.
+    pub turn_rad: DVec2,
+}
+
+impl Flight {
+    /// No move.
+    pub const NONE: Self = Self { offset_m: DVec3::ZERO, turn_rad: DVec2::ZERO };
+
+    /// Returns whether all numbers are finite.
+    pub fn is_valid(&self) -> bool {
+        self.offset_m.is_finite() && self.turn_rad.is_finite()
     }
 }

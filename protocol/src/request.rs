@@ -16,12 +16,14 @@ pub use crate::capture_info::{CaptureInfo, ImageInfo, ReplyChunk};
 use crate::clip::{ClipChange, ClipStatus, ClipSummary};
 use crate::command::Goodbye;
 use crate::delivery::Delivery;
+use crate::device_status::DeviceStatus;
 use crate::environment::EnvironmentSource;
 use crate::exported_scene::ExportedScene;
 use crate::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
 use crate::follow::Follow;
 use crate::head_update::HeadUpdate;
-use crate::ids::{RequestId, Revision};
+use crate::ids::{FrameId, RequestId, Revision};
+use crate::navigation::Flight;
 use crate::node_query::{
     LayerInfo, NearestPoint, NearestQuery, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,
 };
@@ -247,6 +249,11 @@ pub enum Request {
     ListSceneFiles,
     /// Sets the rules by which displays go dark by themselves.
     SetRest(RestRules),
+    /// Moves the camera as wands and pads fly it, from the next frame on.
+    Fly(Flight),
+    /// Says how devices of the wall file stand that this client reads; they are its own from then
+    /// on until its connection ends.
+    ReportDevices(Vec<DeviceStatus>),
 }
 
 impl Request {
@@ -307,6 +314,8 @@ impl Request {
             Self::MarkPoint(_) => "mark the point",
             Self::ListSceneFiles => "list the scene files",
             Self::SetRest(_) => "set the rest of the displays",
+            Self::Fly(_) => "fly the camera",
+            Self::ReportDevices(_) => "report the devices",
         }
     }
 }

@@ -268,6 +268,35 @@ class RestStatus:
 
 
 @dataclass(frozen=True)
+class Quantiles:
+    """Where a set of measurements lies."""
+
+    count: int
+    p50: float
+    p95: float
+    p99: float
+    max: float
+
+
+@dataclass(frozen=True)
+class DeviceStatus:
+    """A tracker, a wand or a pad of the wall file as it stands."""
+
+    name: str
+    #: ``waiting``, ``live`` or ``lost``.
+    state: str
+    since_ms: int
+    #: The reason for its state, if it is not live.
+    reason: Optional[str]
+    #: Readings in the last second.
+    rate_hz: float
+    #: Readings that were ignored.
+    refused: int
+    #: From the arrival of a reading to the swap of the first frame that uses it, in milliseconds.
+    latency_ms: Quantiles
+
+
+@dataclass(frozen=True)
 class WallStatus:
     """The wall as it stands."""
 
@@ -294,17 +323,8 @@ class WallStatus:
     resolution_scale: float = 1.0
     environment: Optional[str] = None
     rest: RestStatus = RestStatus()
-
-
-@dataclass(frozen=True)
-class Quantiles:
-    """Where a set of measurements lies."""
-
-    count: int
-    p50: float
-    p95: float
-    p99: float
-    max: float
+    #: The trackers, wands and pads of the wall file, in its order.
+    devices: List[DeviceStatus] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,8 @@ _NAMES: Dict[str, str] = {
     "MarkPoint": "mark the point",
     "ListSceneFiles": "list the scene files",
     "SetRest": "set the rest of the displays",
+    "Fly": "fly the camera",
+    "ReportDevices": "report the devices",
 }
 
 

@@ -47,6 +47,7 @@ fn status() -> WallStatus {
         resolution_scale: 1.0,
         environment: None,
         rest: polyptych_client::RestStatus::default(),
+        devices: Vec::new(),
     }
 }
 

@@ -98,6 +98,7 @@ impl Cluster {
             resolution_scale: self.resolution_scale(),
             environment: self.shown.environment.as_ref().map(|of| of.name.clone()),
             rest: self.rest.status(),
+            devices: self.devices.statuses(now),
         }
     }
 
@@ -106,7 +107,7 @@ impl Cluster {
         let displays = displays.filter_map(|(_, channel)| channel.display_warning.clone());
         let slow = self.rate_warning().into_iter().chain(self.budget_warning());
         let all = self.mixed_adapters().into_iter().chain(displays);
-        all.chain(self.storage_warnings()).chain(slow).collect()
+        all.chain(self.storage_warnings()).chain(slow).chain(self.devices.warnings()).collect()
     }
 
     /// The warnings of servers about object stores: once for all that say the same.

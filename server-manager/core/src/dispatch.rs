@@ -72,6 +72,8 @@ impl Cluster {
             }
             Request::SetCamera(camera) => self.place_camera(checked_camera(camera)?),
             Request::SetHead(head) => self.set_head(head)?,
+            Request::Fly(flight) => self.fly(now, &flight)?,
+            Request::ReportDevices(report) => self.report_devices(now, job.client, report)?,
             Request::SetViews(views) => self.request_views(views)?,
             Request::SetExposure(_) | Request::SetTone(_) | Request::SetFog(_) => {
                 self.set_look(&request)?;

@@ -16,6 +16,7 @@ mod clips;
 mod counters;
 mod deadline;
 mod detail;
+mod devices;
 mod dispatch;
 mod environment;
 mod follow;
@@ -241,6 +242,8 @@ pub struct Cluster {
     rate_bound: rate_bound::RateBound,
     #[serde(default)]
     auto_exposure: auto_exposure::AutoExposure,
+    #[serde(default)]
+    devices: devices::Devices,
     /// Pixel densities of the last views and head that frames were bounded for.
     #[serde(skip)]
     densities: Option<detail::Densities>,
@@ -299,6 +302,7 @@ impl Cluster {
             deadline: deadline::Deadline::new(wall.deadline),
             rate_bound: rate_bound::RateBound::default(),
             auto_exposure: auto_exposure::AutoExposure::default(),
+            devices: devices::Devices::new(&wall),
             densities: None,
             drawn_error_px: [0.0; 2],
             gathered: StatisticsCollector::new(wall.channels.len()),

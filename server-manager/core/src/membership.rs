@@ -133,6 +133,7 @@ impl Cluster {
         self.orders.retain(|order| order.job.client != session);
         self.tuners.forget(session);
         self.editing.forget(session);
+        self.lose_devices(now, session);
         self.end_temporary(now);
     }
 

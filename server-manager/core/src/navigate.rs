@@ -1,11 +1,11 @@
-//! The camera as the mouse over a window moves it.
+//! The camera as the mouse over a window, or a wand or a pad, moves it.
 //!
 //! The wall turns about the middle of the open scene and is scaled about it, as a whole: what the
 //! eyes see changes together, and stereo stays comfortable. The elevation stops before the poles,
 //! and no message moves the camera to where numbers are not exact any more.
 
 use glam::{DQuat, DVec2, DVec3};
-use polyptych_protocol::navigation::Navigation;
+use polyptych_protocol::navigation::{Flight, Navigation};
 use polyptych_scene::Bounds;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::{ChannelId, Wall};
@@ -110,6 +110,22 @@ impl Cluster {
         else {
             return;
         };
+        self.navigate_to(now, camera);
+        self.advance_frame(now);
+    }
+
+    /// A wand or a pad moves the camera, from the next frame on.
+    ///
+    /// # Errors
+    /// A move that leads to where no camera can be.
+    pub(super) fn fly(&mut self, now: Micros, flight: &Flight) -> Result<(), String> {
+        let (eye, bounds) = (self.presentation.head.position, self.navigator.bounds);
+        let camera = flown(&self.presentation.camera, eye, bounds.as_ref(), flight);
+        self.navigate_to(now, camera.ok_or("a flight that leads too far, or is not finite")?);
+        Ok(())
+    }
+
+    fn navigate_to(&mut self, now: Micros, camera: Camera) {
         if camera == self.presentation.camera {
             return;
         }
@@ -118,7 +134,6 @@ impl Cluster {
         self.navigator.count += 1;
         self.navigator.remember_at.get_or_insert(now + REMEMBER_WAIT);
         self.wants_frame |= !self.pacer.is_soon(now);
-        self.advance_frame(now);
     }
 
     /// Persists the camera once it was moved.
@@ -138,20 +153,41 @@ fn moved(
     navigation: &Navigation,
 ) -> Option<Camera> {
     let pivot = bounds.center();
-    let radius = Some(bounds.radius()).filter(|r| r.is_finite() && *r > 0.0).unwrap_or(1.0);
+    let radius = radius_of(bounds);
     if !navigation.is_sound() || !pivot.is_finite() {
         return None;
     }
     let zoomed = zoomed(camera, pivot, radius, navigation.zoom);
-    // To turn by nothing would still round.
-    let turned = match navigation.orbit_rad {
-        DVec2::ZERO => zoomed,
-        orbit_rad => turned(&zoomed, pivot, orbit_rad),
-    };
+    let turned = turned(&zoomed, pivot, navigation.orbit_rad);
     let next = panned(&turned, eye, pivot, picture, navigation.pan);
-    let distance = |of: &Camera| of.world_from_display(eye).distance(pivot);
-    let reach = distance(camera).max(DISTANCE_MAX_RADII * radius);
-    (next.fault().is_none() && distance(&next) <= reach).then_some(next)
+    is_in_reach(camera, &next, eye, bounds).then_some(next)
+}
+
+/// Returns whether a camera is valid, and not further from the scene than it was and may be.
+fn is_in_reach(camera: &Camera, next: &Camera, eye: DVec3, bounds: &Bounds) -> bool {
+    let distance = |of: &Camera| of.world_from_display(eye).distance(bounds.center());
+    let reach = distance(camera).max(DISTANCE_MAX_RADII * radius_of(bounds));
+    next.fault().is_none() && distance(next) <= reach
+}
+
+/// The radius of the scene, 1 if it has no extent.
+fn radius_of(bounds: &Bounds) -> f64 {
+    Some(bounds.radius()).filter(|r| r.is_finite() && *r > 0.0).unwrap_or(1.0)
+}
+
+/// The camera after a flight: turned about the viewer, then moved; `None` if it cannot be.
+fn flown(camera: &Camera, eye: DVec3, bounds: Option<&Bounds>, flight: &Flight) -> Option<Camera> {
+    let &Flight { offset_m, turn_rad } = flight;
+    if !flight.is_valid() {
+        return None;
+    }
+    // The mouse turns the scene to the right, so the view to the left, and tips its top down.
+    let viewer = camera.world_from_display(eye);
+    let turned = turned(camera, viewer, DVec2::new(turn_rad.x, -turn_rad.y));
+    let offset = turned.rotation * (offset_m * turned.scale);
+    let next = Camera { position: turned.position + offset, ..turned };
+    let is_near = bounds.is_none_or(|bounds| is_in_reach(camera, &next, eye, bounds));
+    (next.fault().is_none() && is_near).then_some(next)
 }
 
 /// Scales display space about the pivot.
@@ -167,6 +203,10 @@ fn zoomed(camera: &Camera, pivot: DVec3, radius: f64, zoom: f64) -> Camera {
 /// Turns display space about the pivot: to the side about the vertical, and up and down as far as
 /// the elevation of its view may go.
 fn turned(camera: &Camera, pivot: DVec3, orbit_rad: DVec2) -> Camera {
+    // To turn by nothing would still round.
+    if orbit_rad == DVec2::ZERO {
+        return *camera;
+    }
     let whole = std::f64::consts::TAU;
     let forward = camera.rotation * DVec3::NEG_Z;
     let own_right = camera.rotation * DVec3::X;
@@ -295,6 +335,29 @@ mod tests {
         // Half of a screen 4 m wide and 2 m away, at a depth of 10: 10 units.
         let camera = after(&camera(), |it| it.pan = DVec2::new(0.5, 0.0));
         assert!((seen(&camera, BOUNDS.center()) - DVec3::new(10.0, 0.0, -10.0)).length() < 1e-6);
+    }
+
+    #[test]
+    fn a_flight_turns_about_the_viewer_and_moves_along_the_view() {
+        let eye = DVec3::new(0.1, 1.6, 0.3);
+        let start = Camera { scale: 2.0, ..camera() };
+        let viewer = start.world_from_display(eye);
+        let fly = |offset_m, turn_rad| {
+            let flight = Flight { offset_m, turn_rad };
+            flown(&start, eye, Some(&BOUNDS), &flight).expect("in reach")
+        };
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let right = fly(DVec3::NEG_Z * 3.0, DVec2::new(quarter, 0.0));
+        // Two units of the scene are a metre of the room.
+        let moved = right.world_from_display(eye) - viewer;
+        assert!(moved.abs_diff_eq(DVec3::X * 6.0, 1e-9), "{moved}");
+        let up = fly(DVec3::ZERO, DVec2::new(0.0, 0.5));
+        assert!((up.rotation * DVec3::NEG_Z).y > 0.4 && up.world_from_display(eye) == viewer);
+        assert_eq!(fly(DVec3::ZERO, DVec2::ZERO), start);
+        for bad in [DVec3::NAN, DVec3::splat(1e300), DVec3::splat(1e12)] {
+            let flight = Flight { offset_m: bad, turn_rad: DVec2::ZERO };
+            assert_eq!(flown(&start, eye, Some(&BOUNDS), &flight), None, "{bad}");
+        }
     }
 
     #[test]

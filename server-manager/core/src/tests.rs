@@ -3,6 +3,7 @@
 mod auto_exposure;
 mod bounds;
 mod clips;
+mod devices;
 mod displays;
 mod editing;
 mod environment;

@@ -4,10 +4,12 @@
 use glam::{DVec2, DVec3};
 use polyptych_protocol::calibration_marker::{CalibrationMarker, MarkedPoint};
 use polyptych_protocol::clip::{ClipAction, ClipChange};
+use polyptych_protocol::device_status::DeviceStatus;
 use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::follow::Follow;
 use polyptych_protocol::head_update::HeadUpdate;
 use polyptych_protocol::ids::{RequestId, Revision};
+use polyptych_protocol::navigation::Flight;
 use polyptych_protocol::node_query::{NearestQuery, NodeQuery, RayQuery, RegionQuery};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
@@ -30,6 +32,11 @@ pub(super) fn all() -> Vec<Request> {
     all.extend(of_scene());
     all.extend(of_camera());
     all
+}
+
+/// Half a metre forwards, and a little to the right.
+pub(super) fn flight() -> Flight {
+    Flight { offset_m: DVec3::new(0.0, 0.0, -0.5), turn_rad: DVec2::new(0.1, 0.0) }
 }
 
 fn of_wall() -> Vec<Request> {
@@ -62,6 +69,7 @@ fn of_wall() -> Vec<Request> {
         Request::SetAutomaticExposure,
         Request::SetTone(ToneMapper::Aces),
         Request::SetFog(Some(Fog::even(800.0))),
+        Request::ReportDevices(vec![DeviceStatus::waiting("tracker", "no packet came")]),
         Request::SetBounds(QualityBounds { error_px: 0.5, rate_fps: Some(30.0) }),
         Request::SetEnvironment(EnvironmentSource::File { path: "studio.hdr".into() }),
     ]
@@ -111,6 +119,7 @@ fn of_camera() -> Vec<Request> {
     vec![
         Request::SetCamera(Camera::IDENTITY),
         Request::SetHead(HeadUpdate::from(DVec3::new(0.0, 1.7, 0.0))),
+        Request::Fly(flight()),
         Request::SetViews(vec![View::of_wall(Camera::IDENTITY)]),
         Request::StoreView { name: "quay".into(), camera: None },
         Request::RemoveView { name: "quay".into() },

@@ -75,6 +75,9 @@ pub(super) fn of_request(request: &Request) -> String {
             let at = head.position;
             format!("{name} to {:.3},{:.3},{:.3} m", at.x, at.y, at.z)
         }
+        Request::ReportDevices(report) => {
+            format!("{name}: {}", counted(report.len(), "device"))
+        }
         Request::SetViews(views) => format!("{name}: {}", counted(views.len(), "view")),
         Request::SetExposure(exposure) => format!("{name} to {exposure}"),
         Request::SetBounds(QualityBounds { error_px, rate_fps: None }) => {

@@ -9,6 +9,7 @@ use polyptych_protocol::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureCh
 use polyptych_protocol::calibration_marker::{CalibrationMarker, MarkedPoint};
 use polyptych_protocol::clip::{ClipAction, ClipChange};
 use polyptych_protocol::command::{Command, Frame, Goodbye, Pong, Prepare, Swap};
+use polyptych_protocol::device_status::DeviceStatus;
 use polyptych_protocol::exported_scene::ExportedScene;
 use polyptych_protocol::feedback::{
     ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Edited, FrameFeedback,
@@ -19,7 +20,7 @@ use polyptych_protocol::handshake::{
     ServerHello, Welcome,
 };
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
-use polyptych_protocol::navigation::Navigation;
+use polyptych_protocol::navigation::{Flight, Navigation};
 use polyptych_protocol::node_query::{NearestQuery, NodeKind, NodeQuery, RayQuery};
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
@@ -272,6 +273,8 @@ fn calls() -> Vec<RequestMessage> {
         Request::OpenOutcome { session: 7, of: RequestId(9) },
         Request::SetDisplays(OutputMode::Blank),
         Request::SetHead(HeadPose::facing_forward(DVec3::Y, 0.06).into()),
+        Request::Fly(Flight { offset_m: DVec3::NEG_Z, turn_rad: DVec2::new(0.1, 0.0) }),
+        Request::ReportDevices(vec![DeviceStatus::waiting("tracker", "no reading")]),
         Request::SetViews(vec![View::of_wall(camera()), plan()]),
         Request::SetPattern(Some(TestPattern::Focus)),
         Request::Tune { channel: "a-1-1".into(), changes: tuning() },
@@ -390,6 +393,7 @@ fn status() -> WallStatus {
         resolution_scale: 0.5,
         environment: Some("studio.hdr".into()),
         rest: rest(),
+        devices: Vec::new(),
         presentation: Presentation {
             marker: Some(marker()),
             output_mode: OutputMode::Freeze,

@@ -12,6 +12,7 @@ use serde_json::json;
 
 use crate::http::answer::{self, Body, Refusal};
 use crate::http::connection::Connection;
+use crate::http::request_examples;
 use crate::http::route::{Action, Call, Route};
 
 /// The routes of this resource.
@@ -33,6 +34,15 @@ pub(in crate::http) const ROUTES: &[Route] = &[
         query: &[],
         body: Some(|| json!({ "position": [0.0, 2.0, 5.0], "target": [0.0, 1.0, 0.0] })),
         action: Action::Ask(set_camera),
+    },
+    Route {
+        method: "POST",
+        path: "/camera/fly",
+        summary: "Moves the viewer through the scene: by `offset_m` along the axes of the wall's \
+                  room, in its metres, and turned by `turn_rad` to the right and up.",
+        query: &[],
+        body: Some(|| json!(request_examples::flight())),
+        action: Action::Ask(|call| Ok(Request::Fly(call.parse()?))),
     },
     Route {
         method: "GET",

@@ -30,6 +30,14 @@ pub(in crate::http) const ROUTES: &[Route] = &[
     },
     Route {
         method: "GET",
+        path: "/devices",
+        summary: "The trackers, wands and pads of the wall file, as they stand.",
+        query: &[],
+        body: None,
+        action: Action::Read(|status| json!(status.devices)),
+    },
+    Route {
+        method: "GET",
         path: "/statistics",
         summary: "The times of frames since statistics were last reset.",
         query: &[],

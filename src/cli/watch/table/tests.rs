@@ -45,6 +45,7 @@ pub fn wall(channels: usize) -> WallStatus {
         resolution_scale: 1.0,
         environment: None,
         rest: polyptych_client::RestStatus::default(),
+        devices: Vec::new(),
         presentation: Presentation::new(HeadPose::facing_forward(DVec3::X, 0.05)),
     }
 }

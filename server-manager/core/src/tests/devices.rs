@@ -1,0 +1,104 @@
+//! Devices of the wall file, as bridges report them.
+
+use polyptych_protocol::device_status::{DeviceState, DeviceStatus};
+use polyptych_protocol::head_update::HeadUpdate;
+use polyptych_protocol::navigation::Flight;
+use polyptych_wall::device::{Device, DeviceSource, TrackerFrame};
+
+use super::*;
+
+const OTHER: SessionId = SessionId(1001);
+
+fn device(name: &str) -> Device {
+    Device {
+        name: name.into(),
+        source: DeviceSource::Osc { listen: format!("127.0.0.1:{name}") },
+        lost_ms: 500,
+        frame: TrackerFrame::IDENTITY,
+        head: None,
+        fly: None,
+    }
+}
+
+fn live(name: &str) -> DeviceStatus {
+    DeviceStatus { state: DeviceState::Live, rate_hz: 120.0, ..DeviceStatus::waiting(name, "") }
+}
+
+fn stage() -> ClusterFixture {
+    let mut stage = ClusterFixture::empty(1);
+    let wall = Wall { devices: vec![device("1"), device("2")], ..wall(1) };
+    stage.cluster = Cluster::new(wall, Epoch(7));
+    for client in [CLIENT, OTHER] {
+        stage.cluster.handle_client(client, "bridge".into());
+    }
+    stage
+}
+
+fn report(stage: &mut ClusterFixture, client: SessionId, of: &[DeviceStatus]) -> Option<String> {
+    let now = stage.now;
+    stage.cluster.handle_request(now, client, RequestId(9), Request::ReportDevices(of.to_vec()));
+    stage.read();
+    let (_, reply) = stage.replies.pop().expect("an answer");
+    reply.err().map(|error| error.reason)
+}
+
+#[test]
+fn devices_are_named_until_a_bridge_reads_them_and_after_it_has_left() {
+    let mut stage = stage();
+    let states = |stage: &ClusterFixture| {
+        let status = stage.cluster.status(stage.now);
+        let state = |of: &DeviceStatus| (of.name.clone(), of.state);
+        (status.devices.iter().map(state).collect::<Vec<_>>(), status.warnings)
+    };
+    let (all, warnings) = states(&stage);
+    assert_eq!(all, [("1".into(), DeviceState::Waiting), ("2".into(), DeviceState::Waiting)]);
+    assert!(warnings[0].contains("device 1 is waiting: no bridge"), "{warnings:?}");
+    assert_eq!(report(&mut stage, CLIENT, &[live("2")]), None);
+    assert_eq!(states(&stage).1.len(), 1, "one is live");
+    stage.now += 3_000_000;
+    assert_eq!(stage.cluster.status(stage.now).devices[1].since_ms, 3_000);
+    stage.cluster.handle_client_gone(stage.now, CLIENT);
+    let (all, warnings) = states(&stage);
+    assert_eq!(all[1].1, DeviceState::Lost);
+    assert!(warnings[1].contains("device 2 is lost: its bridge has left"), "{warnings:?}");
+    assert_eq!(report(&mut stage, OTHER, &[live("2")]), None, "another may read it now");
+}
+
+#[test]
+fn reports_of_others_devices_and_of_unknown_ones_change_nothing() {
+    let mut stage = stage();
+    assert_eq!(report(&mut stage, CLIENT, &[live("1")]), None);
+    let before = stage.cluster.status(stage.now).devices;
+    let taken = report(&mut stage, OTHER, &[live("2"), live("1")]).expect("refused");
+    assert!(taken.contains("another bridge reads device 1"), "{taken}");
+    let unknown = report(&mut stage, CLIENT, &[live("2"), live("3")]).expect("refused");
+    assert!(unknown.contains("\"3\"") && unknown.contains("1, 2"), "{unknown}");
+    assert!(report(&mut stage, CLIENT, &vec![live("1"); 17]).is_some());
+    assert_eq!(stage.cluster.status(stage.now).devices, before);
+    let hostile = DeviceStatus {
+        reason: Some("\u{1b}[2J".repeat(1000)),
+        rate_hz: f64::NAN,
+        state: DeviceState::Lost,
+        ..live("1")
+    };
+    assert_eq!(report(&mut stage, CLIENT, &[hostile]), None);
+    let told = &stage.cluster.status(stage.now).devices[0];
+    let reason = told.reason.as_deref().unwrap_or_default();
+    assert!(told.rate_hz == 0.0 && reason.len() <= 4096 && !reason.contains('\u{1b}'), "{told:?}");
+}
+
+#[test]
+fn a_flight_moves_the_camera_of_the_next_frame_about_the_tracked_head() {
+    let mut stage = ClusterFixture::new(1);
+    let eye = DVec3::new(0.2, 0.1, 0.5);
+    stage.request(Request::SetHead(HeadUpdate::from(eye)));
+    let turn = Flight { turn_rad: DVec2::new(0.5, 0.0), ..Flight::NONE };
+    stage.request(Request::Fly(turn));
+    let camera = stage.cluster.status(stage.now).presentation.camera;
+    assert!(camera.world_from_display(eye).abs_diff_eq(eye, 1e-12), "{camera:?}");
+    assert!((camera.rotation * DVec3::NEG_Z).x > 0.4, "{camera:?}");
+    stage.clear();
+    stage.request(Request::Fly(Flight { offset_m: DVec3::splat(f64::INFINITY), ..turn }));
+    assert!(stage.replies[0].1.is_err());
+    assert_eq!(stage.cluster.status(stage.now).presentation.camera, camera);
+}
