@@ -9,6 +9,7 @@ mod camera;
 mod check;
 mod completions;
 mod demo;
+mod devices;
 mod displays;
 mod examples;
 mod film;
@@ -139,6 +140,8 @@ enum Command {
     Variant(variant::Arguments),
     /// Say how a running wall stands
     Status(status::Arguments),
+    /// Read the trackers, wands and pads of a wall file, and move head and camera of its wall
+    Devices(devices::Arguments),
     /// End the manager of a running wall, and its servers if asked to
     Stop(stop::Arguments),
     /// Print a link with which a browser may command a running wall, or the token of programs
@@ -214,12 +217,16 @@ impl ManagerAddress {
 
     /// Connects for a command that goes on once the manager is there again.
     fn connect_for(&self, reconnect: Option<ReconnectPolicy>) -> anyhow::Result<Client> {
+        Ok(Client::connect_with(self.options(reconnect))?)
+    }
+
+    fn options(&self, reconnect: Option<ReconnectPolicy>) -> polyptych_client::ConnectOptions {
         let mut options = polyptych_client::ConnectOptions::new(self.manager.as_str());
         options.token_file.clone_from(&self.token_file);
         options.reconnect = reconnect;
         options.keys.clone_from(&self.keys);
         options.insecure = self.insecure;
-        Ok(Client::connect_with(options)?)
+        options
     }
 }
 
@@ -291,6 +298,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Fog(arguments) => surroundings::fog(&arguments),
         Command::Variant(arguments) => return variant::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
+        Command::Devices(arguments) => devices::run(&arguments),
         Command::Stop(arguments) => stop::run(&arguments),
         Command::Login(arguments) => login::run(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),

@@ -22,7 +22,7 @@ use crate::exported_scene::ExportedScene;
 use crate::feedback::{Edited, FrameFeedback, Statistics, Tuned, WallStatus};
 use crate::follow::Follow;
 use crate::head_update::HeadUpdate;
-use crate::ids::{FrameId, RequestId, Revision};
+use crate::ids::{RequestId, Revision};
 use crate::navigation::Flight;
 use crate::node_query::{
     LayerInfo, NearestPoint, NearestQuery, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,

@@ -193,6 +193,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
             "polyptych status --json --manager wall.example:7878",
         ],
     ),
+    ("devices", &["polyptych devices wall.toml", "polyptych devices wall.toml --manager wall-pc"]),
     ("stop", &["polyptych stop", "polyptych stop --servers"]),
     (
         "login",

@@ -42,6 +42,7 @@
 //! - `observation`: metrics, logs for programs, and a live status
 //! - `displays`: names, black, frozen pictures, a lost manager; how far displays are apart
 //! - `tuning`: test patterns and adjustments of the running wall, which are kept and saved
+//! - `devices`: trackers, wands and pads move head and camera, and lost ones are named
 //! - `tours`: the camera moves by itself, and films of it lose no frame
 //! - `animations`: what moves is the same on all displays at every time, and is played by request
 //! - `scene_choice`: a scene of a file that has several is chosen, and kept
@@ -64,6 +65,7 @@ mod budgets;
 mod check;
 mod client_library;
 mod command_text;
+mod devices;
 mod displays;
 mod editing;
 mod exact;

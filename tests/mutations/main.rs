@@ -5,6 +5,7 @@
 //! - `decoder`: a million frames of all messages, and who they are for
 //! - `handshake`: strangers on the manager's port, while a good wall goes on
 //! - `wall_file`: damaged wall files
+//! - `device_packet`: damaged packets of trackers
 //! - `scene_import`: damaged scenes through the baker
 //! - `wall_map`: damaged warp maps, meshes, masks and MPCDI archives
 //! - `findings`: what was found once, so that it stays mended
@@ -12,6 +13,7 @@
 
 mod corpus;
 mod decoder;
+mod device_packet;
 mod findings;
 mod handshake;
 mod map_file;

@@ -1,10 +1,11 @@
 //! A wall's status as lines that fit a terminal: a function of what is known and nothing else.
 
-use polyptych_client::{ChannelState, ChannelStatus, OutputMode, Skew, WallStatus};
+use polyptych_client::{ChannelState, ChannelStatus, DeviceState, OutputMode, Skew, WallStatus};
 use polyptych_text::{counted, printable};
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
 use super::rates::Rates;
+use crate::cli::devices;
 
 /// Between two columns.
 const GAP: usize = 2;
@@ -136,6 +137,9 @@ fn body(view: &WatchModel, width: usize, height: usize, texts_max: usize) -> Vec
             lines.push(vec![piece(counts_in_words(&status.channels), Tone::Plain)]);
             lines.extend(openings(status).map(|text| vec![piece(text, Tone::Busy)]));
             lines.extend(modes_in_words(status).map(|text| vec![piece(text, Tone::Warning)]));
+            let live = status.devices.iter().filter(|of| of.state == DeviceState::Live);
+            let live = live.take(texts_max).map(|of| vec![piece(devices::line(of), Tone::Plain)]);
+            lines.extend(live);
             lines.extend(first_of(&status.warnings, "warning", Tone::Warning, texts_max));
             lines.extend(first_of(&status.notes, "note", Tone::Quiet, texts_max));
             // The last line is for the key that ends it.

@@ -1,0 +1,288 @@
+//! The bridge between the devices of a wall and its manager: what it sends, and when.
+//!
+//! Sockets and files give it what devices say; what is to be sent comes out of
+//! [`Bridge::poll_request`], and [`Bridge::poll_timeout`] says when to ask for it next.
+
+use std::net::SocketAddr;
+
+use polyptych_protocol::device_status::DeviceStatus;
+use polyptych_protocol::feedback::Quantiles;
+use polyptych_protocol::head_update::HeadUpdate;
+use polyptych_protocol::request::Request;
+use polyptych_wall::Wall;
+use polyptych_wall::head::HeadPose;
+
+use crate::Micros;
+use crate::device_reader::{DeviceReader, sent_rotation};
+use crate::head_pacer::HeadPacer;
+use crate::joystick::JoystickEvent;
+use crate::latency_meter::LatencyMeter;
+use crate::sensor_pose::{HeadSample, SensorPose};
+
+/// Period of reports; the manager takes a device for lost once their client has gone.
+pub const REPORT_PERIOD: Micros = 1_000_000;
+
+/// Minimum time between two reports: a device that comes and goes floods nobody.
+const REPORT_PERIOD_MIN: Micros = 100_000;
+
+/// A time of the caller's clock that never comes: a century.
+const IDLE_TIMEOUT: Micros = 3_155_760_000_000_000;
+
+/// What a request of the bridge is for; its answer goes back with it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// A head whose newest reading came at this time, if any.
+    Head(Option<Micros>),
+    /// A flight.
+    Flight,
+    /// A report.
+    Report,
+}
+
+/// The devices of a wall, and what the manager knows of them.
+#[derive(Debug)]
+pub struct Bridge {
+    wall: Wall,
+    readers: Vec<DeviceReader>,
+    pacer: HeadPacer,
+    meter: LatencyMeter,
+    /// The last head that was sent, and the newest reading in it.
+    sent: Option<(HeadSample, Option<Micros>)>,
+    /// Whether the head was on its way by itself when it was looked at last: its end is to follow.
+    is_settling: bool,
+    flight_waits: bool,
+    report_waits: bool,
+    reported: Option<Micros>,
+    is_news: bool,
+    /// Whether the manager takes this bridge's reports. Otherwise another one reads the devices.
+    is_accepted: bool,
+    /// The reason that was told last for which it takes none.
+    rejection: Option<String>,
+    events: Vec<String>,
+}
+
+impl Bridge {
+    /// The bridge of the devices that a wall file has.
+    pub fn new(wall: &Wall) -> Self {
+        let head = wall.head();
+        Self {
+            readers: wall.devices.iter().map(|device| DeviceReader::new(device, &head)).collect(),
+            wall: wall.clone(),
+            pacer: HeadPacer::default(),
+            meter: LatencyMeter::default(),
+            sent: None,
+            is_settling: false,
+            flight_waits: false,
+            report_waits: false,
+            reported: None,
+            is_news: true,
+            is_accepted: false,
+            rejection: None,
+            events: Vec::new(),
+        }
+    }
+
+    /// A UDP packet came for the device with this index.
+    pub fn handle_packet(&mut self, now: Micros, device: usize, from: SocketAddr, packet: &[u8]) {
+        self.readers[device].handle_packet(now, from, packet);
+    }
+
+    /// A value of the pad with this index has changed.
+    pub fn handle_joystick(&mut self, now: Micros, device: usize, event: JoystickEvent) {
+        self.readers[device].handle_joystick(now, event);
+    }
+
+    /// A pose of the head's sensor of the device with this index came.
+    pub fn handle_pose(&mut self, now: Micros, device: usize, pose: &SensorPose) {
+        self.readers[device].handle_pose(now, pose);
+    }
+
+    /// A reading of the device with this index is damaged.
+    pub fn handle_damage(&mut self, now: Micros, device: usize, reason: String) {
+        self.readers[device].refuse(now, "damaged", reason);
+    }
+
+    /// The device with this index was opened.
+    pub fn handle_life(&mut self, now: Micros, device: usize) {
+        self.readers[device].handle_life(now);
+    }
+
+    /// The device with this index cannot be read.
+    pub fn handle_failure(&mut self, now: Micros, device: usize, reason: &str) {
+        self.readers[device].handle_failure(now, reason);
+    }
+
+    /// A frame was swapped, `frame_us` after it had begun.
+    pub fn handle_swap(&mut self, now: Micros, frame_us: Micros) {
+        self.meter.handle_swap(now, frame_us);
+        self.pacer.handle_swap(now);
+    }
+
+    /// A request was answered: it was done, or refused for a reason.
+    pub fn handle_answer(&mut self, now: Micros, purpose: Purpose, answer: Result<(), String>) {
+        match (purpose, answer) {
+            (Purpose::Head(Some(reading)), Ok(())) => self.meter.handle_answer(now, reading),
+            (Purpose::Head(_), Err(reason)) => {
+                if let Some(at) = self.head_place() {
+                    self.readers[at].refuse_head(now, &reason);
+                }
+            }
+            (Purpose::Report, Ok(())) => (self.is_accepted, self.rejection) = (true, None),
+            (Purpose::Report, Err(reason)) => {
+                self.is_accepted = false;
+                if self.rejection.as_ref() != Some(&reason) {
+                    self.events.push(format!("nothing is sent: {reason}"));
+                    self.rejection = Some(reason);
+                }
+            }
+            (Purpose::Flight, Err(reason)) => {
+                self.events.push(format!("the camera cannot fly: {reason}"));
+            }
+            (Purpose::Head(None) | Purpose::Flight, Ok(())) => {}
+        }
+        self.finish(purpose);
+    }
+
+    /// A request will not be answered, for the connection was lost.
+    pub fn handle_no_answer(&mut self, purpose: Purpose) {
+        self.is_accepted = false;
+        (self.reported, self.is_news) = (None, true);
+        self.finish(purpose);
+    }
+
+    fn finish(&mut self, purpose: Purpose) {
+        match purpose {
+            Purpose::Head(_) => self.pacer.handle_answer(),
+            Purpose::Flight => self.flight_waits = false,
+            Purpose::Report => self.report_waits = false,
+        }
+    }
+
+    /// The connection with the manager was made again: it knows nothing of the devices.
+    pub fn handle_reconnect(&mut self) {
+        self.meter.forget_waiting();
+        (self.sent, self.reported, self.is_news) = (None, None, true);
+        self.is_accepted = false;
+    }
+
+    /// Notices what time alone changes; [`Self::poll_request`] does so too.
+    pub fn advance(&mut self, now: Micros) {
+        for reader in &mut self.readers {
+            reader.advance(now);
+            let events = reader.take_events();
+            self.is_news |= !events.is_empty();
+            self.events.extend(events);
+        }
+    }
+
+    /// Returns the next request that is due, and what it is for. While the manager takes no report
+    /// of this bridge, there is nothing else.
+    pub fn poll_request(&mut self, now: Micros) -> Option<(Purpose, Request)> {
+        self.advance(now);
+        if let Some(report) = self.take_report(now) {
+            return Some((Purpose::Report, Request::ReportDevices(report)));
+        }
+        if !self.is_accepted {
+            return None;
+        }
+        if let Some((reading, head)) = self.take_head(now) {
+            return Some((Purpose::Head(reading), Request::SetHead(head)));
+        }
+        let due = |of: Option<Micros>| of.is_some_and(|due| due <= now);
+        let mut flights = self.readers.iter_mut().filter_map(|reader| reader.flight.as_mut());
+        let controls = flights.find(|flight| due(flight.due())).filter(|_| !self.flight_waits)?;
+        let flight = controls.take(now)?;
+        self.flight_waits = true;
+        Some((Purpose::Flight, Request::Fly(flight)))
+    }
+
+    fn take_report(&mut self, now: Micros) -> Option<Vec<DeviceStatus>> {
+        if self.report_waits || self.report_due() > now {
+            return None;
+        }
+        (self.reported, self.is_news, self.report_waits) = (Some(now), false, true);
+        Some(self.statuses(now))
+    }
+
+    fn report_due(&self) -> Micros {
+        let Some(reported) = self.reported else { return 0 };
+        reported + if self.is_news { REPORT_PERIOD_MIN } else { REPORT_PERIOD }
+    }
+
+    /// Every device as it stands, in the order of the wall file.
+    pub fn statuses(&self, now: Micros) -> Vec<DeviceStatus> {
+        let status = |reader: &DeviceReader| {
+            let is_head = reader.filter.is_some();
+            let latency = if is_head { self.meter.quantiles() } else { Quantiles::default() };
+            reader.status(now, latency)
+        };
+        self.readers.iter().map(status).collect()
+    }
+
+    fn head_place(&self) -> Option<usize> {
+        self.readers.iter().position(|reader| reader.filter.is_some())
+    }
+
+    /// The head that is due, with the newest reading in it.
+    fn take_head(&mut self, now: Micros) -> Option<(Option<Micros>, HeadUpdate)> {
+        if self.head_due().is_none_or(|due| due > now) {
+            return None;
+        }
+        let at = self.head_place()?;
+        let reader = &mut self.readers[at];
+        let reading = reader.pose_at?;
+        let filter = reader.filter.as_ref()?;
+        let sample = filter.pose(now);
+        self.is_settling = filter.is_moving();
+        // Eased and held heads show no new reading.
+        let is_new = self.sent.is_none_or(|(_, of)| of != Some(reading));
+        let is_same = self.sent.is_some_and(|(sent, _)| sent == sample);
+        self.sent = Some((sample, Some(reading)));
+        let pose =
+            HeadPose { position: sample.position, rotation: sample.rotation, ..self.wall.head() };
+        let refusal = self.wall.check_head(&pose).err();
+        if let Some(error) = &refusal {
+            self.readers[at].refuse_head(now, &error.to_string());
+        }
+        if refusal.is_some() || (is_same && !is_new) {
+            self.pacer.record_skipped(now);
+            return None;
+        }
+        let rotation = sent_rotation(&self.readers[at], &sample);
+        self.pacer.record_sent(now);
+        let update = HeadUpdate { position: sample.position, rotation, eye_separation_m: None };
+        Some((Some(reading).filter(|_| is_new), update))
+    }
+
+    /// Returns when [`Self::poll_request`] is to be asked again, if nothing comes before; without a
+    /// connection, [`Self::advance`].
+    pub fn poll_timeout(&self, is_connected: bool) -> Micros {
+        let may_report = is_connected && !self.report_waits;
+        let report = if may_report { self.report_due() } else { IDLE_TIMEOUT };
+        let devices = self.readers.iter().filter_map(DeviceReader::poll_timeout);
+        let flights = self.readers.iter().filter_map(|reader| reader.flight.as_ref()?.due());
+        let may_fly = is_connected && self.is_accepted && !self.flight_waits;
+        let flights = flights.filter(|_| may_fly);
+        let head = self.head_due().filter(|_| is_connected && self.is_accepted);
+        devices.chain(flights).chain(head).chain([report]).min().unwrap_or(report)
+    }
+
+    fn head_due(&self) -> Option<Micros> {
+        let reader = &self.readers[self.head_place()?];
+        let reading = reader.pose_at?;
+        let is_new = self.sent.is_none_or(|(_, of)| of != Some(reading));
+        let is_moving = self.is_settling || reader.filter.as_ref()?.is_moving();
+        if !is_new && !is_moving {
+            return None;
+        }
+        self.pacer.due(Some(reading).filter(|_| is_new))
+    }
+
+    /// Returns what happened since the last call, as sentences.
+    pub fn take_events(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.events)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,297 @@
+//! A device: its readings in, its head and its flights out.
+
+use std::net::SocketAddr;
+
+use glam::DQuat;
+use polyptych_protocol::device_status::{DeviceState, DeviceStatus};
+use polyptych_protocol::feedback::Quantiles;
+use polyptych_wall::device::{ControlInput, Device, DeviceSource};
+use polyptych_wall::head::{HEAD_REACH_MAX_M, HeadPose};
+
+use crate::flight_controls::FlightControls;
+use crate::joystick::JoystickEvent;
+use crate::osc_input::OscInput;
+use crate::packet_order::{OrderFault, PacketOrder};
+use crate::pose_filter::{FilterEvent, PoseFilter};
+use crate::sensor_pose::{HeadSample, SensorPose};
+use crate::{Micros, micros_from_ms};
+
+/// Time over which readings are counted for a rate.
+const RATE_PERIOD: Micros = 1_000_000;
+
+/// Minimum time between two events of one kind of a device: damaged packets may come by thousands.
+const REPEAT_PERIOD: Micros = 10_000_000;
+
+/// Maximum length of a reason, in bytes.
+const REASON_BYTES_MAX: usize = 256;
+
+/// The reason of a device before its first reading.
+const SILENT: &str = "no reading has come yet";
+
+/// A device of the wall as its bridge reads it.
+#[derive(Clone, Debug)]
+pub(crate) struct DeviceReader {
+    device: Device,
+    osc: OscInput,
+    order: PacketOrder,
+    pub filter: Option<PoseFilter>,
+    pub flight: Option<FlightControls>,
+    state: DeviceState,
+    since: Micros,
+    reason: Option<String>,
+    /// When the last reading that counts came.
+    last: Option<Micros>,
+    /// When the last pose that counts came.
+    pub pose_at: Option<Micros>,
+    refused: u64,
+    /// Readings since a time, and the rate before that.
+    counted: (Micros, u64),
+    rate_hz: f64,
+    /// When each kind of refusal was told last.
+    told: Vec<(&'static str, Micros)>,
+    events: Vec<String>,
+}
+
+impl DeviceReader {
+    /// A device of which nothing has come yet. `rest` is the head that the wall file has.
+    pub fn new(device: &Device, rest: &HeadPose) -> Self {
+        let rest = HeadSample { position: rest.position, rotation: rest.rotation };
+        let head = device.head.clone();
+        Self {
+            osc: OscInput::new(device),
+            order: PacketOrder::new(micros_from_ms(device.lost_ms)),
+            filter: head.map(|head| PoseFilter::new(head, device.lost_ms, rest)),
+            flight: device.fly.clone().map(FlightControls::new),
+            device: device.clone(),
+            state: DeviceState::Waiting,
+            since: 0,
+            reason: Some(SILENT.into()),
+            last: None,
+            pose_at: None,
+            refused: 0,
+            counted: (0, 0),
+            rate_hz: 0.0,
+            told: Vec::new(),
+            events: Vec::new(),
+        }
+    }
+
+    /// A UDP packet came.
+    pub fn handle_packet(&mut self, now: Micros, from: SocketAddr, packet: &[u8]) {
+        let mut osc = self.osc.clone();
+        let readings = match osc.read(packet) {
+            Ok(readings) => readings,
+            Err(fault) => {
+                return self.refuse(now, "damaged", format!("a packet of {from}: {fault}"));
+            }
+        };
+        if readings.pose.is_none() && readings.values.is_empty() {
+            // Something else of the sender, or half of a first pose.
+            self.osc = osc;
+            return;
+        }
+        if let Err(fault) = self.order.accept(now, from, readings.time_tag) {
+            let kind = match fault {
+                OrderFault::Overtaken => "overtaken",
+                OrderFault::OtherSender(..) => "sender",
+            };
+            return self.refuse(now, kind, fault.to_string());
+        }
+        self.osc = osc;
+        if let Some(flight) = &mut self.flight {
+            for (place, value) in &readings.values {
+                flight.set(*place, *value);
+            }
+        }
+        match readings.pose {
+            Some(pose) => self.handle_pose(now, &pose),
+            None => self.handle_life(now),
+        }
+    }
+
+    /// A pose of the sensor that is the head came, in the tracker's own axes.
+    pub fn handle_pose(&mut self, now: Micros, pose: &SensorPose) {
+        let (Some(filter), Some(head)) = (&mut self.filter, &self.device.head) else { return };
+        let sample = HeadSample::from_sensor(&self.device.frame, head, pose);
+        let position = sample.position;
+        if !sample.is_finite() || position.abs().max_element() > HEAD_REACH_MAX_M {
+            return self.refuse(now, "range", format!("a head at {position} m is out of reach"));
+        }
+        let counts = filter.add(now, sample);
+        self.take_filter_events(now);
+        if counts {
+            self.pose_at = Some(now);
+            self.handle_life(now);
+        } else {
+            // A head that jumps is told of with its first jump.
+            self.refused += 1;
+        }
+    }
+
+    /// A value of a pad has changed.
+    pub fn handle_joystick(&mut self, now: Micros, event: JoystickEvent) {
+        self.handle_life(now);
+        let Some(flight) = &mut self.flight else { return };
+        for place in 0..5 {
+            let input = flight.controls().controls()[place].map(|control| control.input.clone());
+            match (input, event) {
+                (Some(ControlInput::Axis(of)), JoystickEvent::Axis(number, value))
+                | (Some(ControlInput::Button(of)), JoystickEvent::Button(number, value))
+                    if of == number =>
+                {
+                    flight.set(place, value);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// The device is there; readings of a pad come only when something changes.
+    pub fn handle_life(&mut self, now: Micros) {
+        self.last = Some(now);
+        self.counted.1 += 1;
+        self.set_state(now, DeviceState::Live, None);
+    }
+
+    /// The connection with the device is lost, or there is none.
+    pub fn handle_failure(&mut self, now: Micros, reason: &str) {
+        let state = match self.state {
+            DeviceState::Waiting => DeviceState::Waiting,
+            DeviceState::Live | DeviceState::Lost => DeviceState::Lost,
+        };
+        self.lose(now, state, reason);
+    }
+
+    fn lose(&mut self, now: Micros, state: DeviceState, reason: &str) {
+        if let Some(flight) = &mut self.flight {
+            flight.release();
+        }
+        let reason = &reason[..reason.floor_char_boundary(REASON_BYTES_MAX)];
+        self.set_state(now, state, Some(reason.to_owned()));
+    }
+
+    fn set_state(&mut self, now: Micros, state: DeviceState, reason: Option<String>) {
+        if self.state != state {
+            (self.state, self.since) = (state, now);
+            let name = &self.device.name;
+            self.events.push(match &reason {
+                Some(reason) => format!("device {name} is {}: {reason}", state.name()),
+                None => format!("device {name} is {}", state.name()),
+            });
+        } else if reason != self.reason
+            && let Some(reason) = &reason
+        {
+            self.events.push(format!("device {}: {reason}", self.device.name));
+        }
+        self.reason = reason;
+    }
+
+    /// Counts a reading that is ignored, and tells of its kind.
+    pub fn refuse(&mut self, now: Micros, kind: &'static str, reason: String) {
+        self.refused += 1;
+        self.tell(now, kind, reason);
+    }
+
+    /// Tells of a kind of refusals now and then.
+    fn tell(&mut self, now: Micros, kind: &'static str, reason: String) {
+        let at = self.told.iter_mut().find(|(of, _)| *of == kind);
+        match at {
+            Some((_, at)) if now.saturating_sub(*at) < REPEAT_PERIOD => return,
+            Some((_, at)) => *at = now,
+            None => self.told.push((kind, now)),
+        }
+        let mut text = format!("device {}: {reason}", self.device.name);
+        text.truncate(text.floor_char_boundary(REASON_BYTES_MAX));
+        self.events.push(format!("{text}; it is ignored, as all like it"));
+    }
+
+    /// Tells that the head cannot be where it is tracked.
+    pub fn refuse_head(&mut self, now: Micros, reason: &str) {
+        self.refuse(now, "head", format!("the head cannot be there: {reason}"));
+    }
+
+    /// Notices what time alone changes.
+    pub fn advance(&mut self, now: Micros) {
+        if let Some(filter) = &mut self.filter {
+            filter.advance(now);
+            self.take_filter_events(now);
+        }
+        if self.silence_ends().is_some_and(|ends| ends <= now) {
+            let reason = format!("no usable reading for {} ms", self.device.lost_ms);
+            self.lose(now, DeviceState::Lost, &reason);
+        }
+        let (began, count) = self.counted;
+        let elapsed = now.saturating_sub(began);
+        if elapsed >= RATE_PERIOD {
+            self.rate_hz = count as f64 / crate::seconds(elapsed);
+            self.counted = (now, 0);
+        }
+    }
+
+    /// When the device is lost if nothing comes; `None` if it is not live, or a pad.
+    fn silence_ends(&self) -> Option<Micros> {
+        let is_read = self.state == DeviceState::Live
+            && !matches!(self.device.source, DeviceSource::Joystick { .. });
+        let last = self.last.filter(|_| is_read)?;
+        Some(last + micros_from_ms(self.device.lost_ms))
+    }
+
+    /// When [`Self::advance`] is due next.
+    pub fn poll_timeout(&self) -> Option<Micros> {
+        let filter = self.filter.as_ref().and_then(PoseFilter::poll_timeout);
+        [self.silence_ends(), filter].into_iter().flatten().min()
+    }
+
+    fn take_filter_events(&mut self, now: Micros) {
+        let events = self.filter.as_mut().map(PoseFilter::take_events).unwrap_or_default();
+        let name = self.device.name.clone();
+        for event in events {
+            match event {
+                // The device's own state says it.
+                FilterEvent::Tracked | FilterEvent::Lost => {}
+                FilterEvent::Jumped { distance_m } => {
+                    let reason = format!("its head jumped by {distance_m:.2} m");
+                    self.tell(now, "jump", format!("{reason}; such readings wait to be steady"));
+                }
+                FilterEvent::Steady => {
+                    self.events.push(format!("device {name}: the head is steady elsewhere"));
+                }
+                FilterEvent::Released => {
+                    self.events.push(format!("device {name}: the head moves back to wall.eye"));
+                }
+            }
+        }
+    }
+
+    /// The device as it stands, with the latency of its head.
+    pub fn status(&self, now: Micros, latency_ms: Quantiles) -> DeviceStatus {
+        DeviceStatus {
+            name: self.device.name.clone(),
+            state: self.state,
+            since_ms: now.saturating_sub(self.since) / 1000,
+            reason: self.reason.clone(),
+            rate_hz: self.rate_hz,
+            refused: self.refused,
+            latency_ms,
+        }
+    }
+
+    /// Returns whether the rotation of the head is tracked.
+    pub fn has_rotation(&self) -> bool {
+        use polyptych_wall::device::HeadInput;
+        self.device.head.as_ref().is_some_and(|head| match &head.input {
+            HeadInput::Osc { form, .. } => form.is_some(),
+            HeadInput::Vrpn { .. } => true,
+        })
+    }
+
+    /// Returns what happened since the last call, as sentences.
+    pub fn take_events(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.events)
+    }
+}
+
+/// Returns a quaternion that is sent for a head whose rotation is tracked.
+pub(crate) fn sent_rotation(reader: &DeviceReader, sample: &HeadSample) -> Option<DQuat> {
+    reader.has_rotation().then_some(sample.rotation)
+}

@@ -1,0 +1,117 @@
+//! Sticks and buttons that fly the camera.
+
+use glam::{DVec2, DVec3};
+use polyptych_protocol::navigation::Flight;
+use polyptych_wall::device::FlyControls;
+
+use crate::{Micros, seconds};
+
+/// Period of flights that are sent: that of most displays.
+pub const FLIGHT_PERIOD: Micros = 16_667;
+
+/// Maximum time that one flight stands for: a bridge that was stopped does not leap.
+const STEP_MAX: Micros = 100_000;
+
+/// The controls of a device and their values.
+#[derive(Clone, Debug)]
+pub(crate) struct FlightControls {
+    controls: FlyControls,
+    /// −1 to 1, in the order of [`FlyControls::controls`].
+    values: [f64; 5],
+    /// When the last flight was taken, while the camera flies.
+    last: Option<Micros>,
+}
+
+impl FlightControls {
+    pub fn new(controls: FlyControls) -> Self {
+        Self { controls, values: [0.0; 5], last: None }
+    }
+
+    /// The controls as the wall file has them.
+    pub fn controls(&self) -> &FlyControls {
+        &self.controls
+    }
+
+    /// Sets the value of a control by its place.
+    pub fn set(&mut self, place: usize, value: f64) {
+        let Some(control) = self.controls.controls()[place] else { return };
+        let is_negative = control.is_negative;
+        let value = if value.is_finite() { value.clamp(-1.0, 1.0) } else { 0.0 };
+        self.values[place] = if is_negative { -value } else { value };
+    }
+
+    /// Lets go of all: the device is lost.
+    pub fn release(&mut self) {
+        self.values = [0.0; 5];
+    }
+
+    /// Returns when a flight is due, if anything is held.
+    pub fn due(&self) -> Option<Micros> {
+        let is_held = (0..5).any(|place| self.deflection(place) != 0.0);
+        is_held.then(|| self.last.map_or(0, |last| last + FLIGHT_PERIOD))
+    }
+
+    /// The value beyond the dead zone, from 0 there.
+    fn deflection(&self, place: usize) -> f64 {
+        let (value, dead) = (self.values[place], self.controls.dead_zone);
+        value.signum() * ((value.abs() - dead).max(0.0) / (1.0 - dead))
+    }
+
+    /// Returns the flight since the last one; `None` if nothing is held. The axes are those of the
+    /// display space: the viewer flies to where the head stands, not where it looks.
+    pub fn take(&mut self, now: Micros) -> Option<Flight> {
+        if self.due().is_none() {
+            self.last = None;
+            return None;
+        }
+        let since = self.last.map_or(FLIGHT_PERIOD, |last| now.saturating_sub(last));
+        self.last = Some(now);
+        let step_s = seconds(since.min(STEP_MAX));
+        let [right, up, forward, turn, pitch] = [0, 1, 2, 3, 4].map(|of| self.deflection(of));
+        let offset = DVec3::new(right, up, -forward);
+        Some(Flight {
+            offset_m: offset * (self.controls.speed * step_s),
+            turn_rad: DVec2::new(turn, pitch) * (self.controls.turn_speed * step_s),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_wall::device::{Control, ControlInput};
+
+    use super::*;
+
+    #[test]
+    fn a_stick_flies_at_its_speed_beyond_the_dead_zone_and_stops() {
+        let axis = |of, is_negative| Some(Control { input: ControlInput::Axis(of), is_negative });
+        let mut flight = FlightControls::new(FlyControls {
+            right: axis(0, false),
+            up: None,
+            forward: axis(1, true),
+            turn: axis(2, false),
+            pitch: None,
+            speed: 2.0,
+            turn_speed: 1.0,
+            dead_zone: 0.2,
+        });
+        assert_eq!((flight.due(), flight.take(0)), (None, None));
+        flight.set(0, 0.2);
+        flight.set(1, 1.0);
+        assert_eq!(flight.due(), None, "a stick in its dead zone, and a control that is not there");
+        // Pushed forwards, the axis of a stick is negative.
+        flight.set(2, -7.0);
+        flight.take(1_000_000);
+        assert_eq!(flight.due(), Some(1_000_000 + FLIGHT_PERIOD));
+        let offset = flight.take(1_050_000).expect("held").offset_m;
+        assert!(offset.abs_diff_eq(DVec3::NEG_Z * 0.1, 1e-9), "{offset}");
+        flight.set(2, 0.0);
+        flight.set(3, 0.6);
+        let turn = flight.take(1_100_000).expect("held").turn_rad;
+        assert!(turn.abs_diff_eq(DVec2::new(0.5 * 0.05, 0.0), 1e-9), "{turn}");
+        let long = flight.take(9_000_000).expect("held").turn_rad;
+        assert!(long.abs_diff_eq(DVec2::new(0.05, 0.0), 1e-9), "{long}");
+        flight.set(3, f64::NAN);
+        assert_eq!(flight.take(9_100_000), None);
+    }
+}

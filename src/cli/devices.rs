@@ -1,0 +1,56 @@
+//! `polyptych devices`: a bridge between the trackers, wands and pads of a wall and its manager.
+
+mod bridge_loop;
+mod sources;
+
+use std::path::PathBuf;
+
+use anyhow::bail;
+use polyptych_client::{DeviceState, DeviceStatus};
+
+use super::shutdown_signal::shutdown_signal;
+use super::{ManagerAddress, load_wall};
+
+/// Runs until Ctrl-C or SIGTERM. While the manager is away, devices are read and the bridge
+/// connects again; a second bridge of the same wall waits until the first one has left.
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The wall file, whose [[device]] tables are read
+    wall: PathBuf,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let wall = load_wall(&arguments.wall)?;
+    if wall.devices.is_empty() {
+        bail!("{}: it names no device; add [[device]]", arguments.wall.display());
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let ended = shutdown_signal(false)?;
+        tokio::select! {
+            result = bridge_loop::run(&wall, &arguments.manager) => result,
+            () = ended => Ok(()),
+        }
+    })
+}
+
+/// A device as it stands, as one line.
+pub(super) fn line(status: &DeviceStatus) -> String {
+    let mut line = format!("device {}: {}", status.name, status.state.name());
+    if status.state == DeviceState::Live {
+        line += &format!(", {:.0} readings/s", status.rate_hz);
+    }
+    if let Some(reason) = &status.reason {
+        line += &format!(", {reason}");
+    }
+    if status.refused > 0 {
+        line += &format!(", {} refused", status.refused);
+    }
+    let latency = status.latency_ms;
+    if latency.count > 0 {
+        line += &format!(", packet to swap {:.1} ms p50, {:.1} ms p99", latency.p50, latency.p99);
+    }
+    line
+}

@@ -1,0 +1,141 @@
+//! The loop of the bridge: readings in, requests to the manager out.
+
+use std::time::{Duration, Instant};
+
+use polyptych_client::{Client, ClientError, Epoch, FeedbackStream, ReconnectPolicy};
+use polyptych_devices::bridge::Purpose;
+use polyptych_devices::{Bridge, Micros};
+use polyptych_wall::Wall;
+use tokio::task::JoinSet;
+use tokio::time::{sleep, sleep_until};
+
+use super::sources::{self, Reading, ReadingKind};
+use super::{ManagerAddress, line};
+use crate::cli::say;
+use crate::logging;
+
+/// Pause between two attempts to reach a manager that has not been there yet.
+const CONNECT_PAUSE: Duration = Duration::from_secs(1);
+
+/// Period of lines that say how devices stand.
+const SUMMARY_PERIOD: Duration = Duration::from_secs(10);
+
+/// Time for which a request waits for a connection: what it says is old by then.
+const REQUEST_WAIT: Duration = Duration::from_millis(500);
+
+type Answers = JoinSet<(Purpose, Result<(), ClientError>)>;
+
+/// The connection with the manager as it was at the last turn.
+struct ManagerLink {
+    client: Client,
+    feedback: FeedbackStream,
+    epoch: Epoch,
+    is_connected: bool,
+}
+
+/// Reads devices and moves head and camera, until the connection with the manager ends for good.
+///
+/// # Errors
+/// A device that cannot be opened, and a client that has ended.
+pub async fn run(wall: &Wall, address: &ManagerAddress) -> anyhow::Result<()> {
+    let began = Instant::now();
+    let clock = || began.elapsed().as_micros() as Micros;
+    let mut readings = sources::open(wall).await?;
+    let mut link = connect(wall, address).await?;
+    let mut bridge = Bridge::new(wall);
+    let mut answers = Answers::new();
+    let mut summary_due = Instant::now() + SUMMARY_PERIOD;
+    loop {
+        send_due(&mut bridge, &mut link, &mut answers, clock());
+        for event in bridge.take_events() {
+            say(event)?;
+        }
+        let due = began + Duration::from_micros(bridge.poll_timeout(link.is_connected));
+        let due = due.min(summary_due);
+        tokio::select! {
+            Some(reading) = readings.recv() => {
+                take(&mut bridge, clock(), reading);
+                // The newest of all that have come counts.
+                while let Ok(reading) = readings.try_recv() {
+                    take(&mut bridge, clock(), reading);
+                }
+            }
+            feedback = link.feedback.next() => match feedback {
+                Some(feedback) => bridge.handle_swap(clock(), feedback.frame_us),
+                None => link.client.connected().await.map(drop)?,
+            },
+            Some(Ok((purpose, answer))) = answers.join_next() => match answer {
+                Ok(()) => bridge.handle_answer(clock(), purpose, Ok(())),
+                Err(ClientError::Failed { reason, .. }) => {
+                    bridge.handle_answer(clock(), purpose, Err(reason));
+                }
+                Err(_) => bridge.handle_no_answer(purpose),
+            },
+            Ok(_) = link.client.connected(), if !link.is_connected => {}
+            () = sleep_until(due.into()) => {}
+        }
+        if Instant::now() >= summary_due {
+            summary_due = Instant::now() + SUMMARY_PERIOD;
+            for status in bridge.statuses(clock()) {
+                say(line(&status))?;
+            }
+        }
+    }
+}
+
+/// Connects as soon as there is a manager.
+async fn connect(wall: &Wall, address: &ManagerAddress) -> anyhow::Result<ManagerLink> {
+    let mut told = String::new();
+    let client = loop {
+        let reconnect = ReconnectPolicy { wait: REQUEST_WAIT, ..ReconnectPolicy::default() };
+        match Client::connect_with(address.options(Some(reconnect))).await {
+            Ok(client) => break client,
+            Err(error) => {
+                let reason = error.to_string();
+                if reason != told {
+                    logging::say_warning(&format!("{reason}; trying again"));
+                    told = reason;
+                }
+                sleep(CONNECT_PAUSE).await;
+            }
+        }
+    };
+    let feedback = client.feedback().await?;
+    say(format_args!(
+        "reading {} of wall {} for the manager at {}",
+        polyptych_text::counted(wall.devices.len(), "device"),
+        client.wall_name(),
+        client.address()
+    ))?;
+    Ok(ManagerLink { epoch: client.epoch(), client, feedback, is_connected: true })
+}
+
+/// Sends what is due, if there is a connection.
+fn send_due(bridge: &mut Bridge, link: &mut ManagerLink, answers: &mut Answers, now: Micros) {
+    let was_connected = link.is_connected;
+    link.is_connected = link.client.is_connected();
+    let epoch = link.client.epoch();
+    if epoch != link.epoch || (link.is_connected && !was_connected) {
+        link.epoch = epoch;
+        bridge.handle_reconnect();
+    }
+    bridge.advance(now);
+    if !link.is_connected {
+        return;
+    }
+    while let Some((purpose, request)) = bridge.poll_request(now) {
+        let client = link.client.clone();
+        answers.spawn(async move { (purpose, client.request(request).await.map(drop)) });
+    }
+}
+
+fn take(bridge: &mut Bridge, now: Micros, Reading { device, what }: Reading) {
+    match what {
+        ReadingKind::Packet(from, bytes) => bridge.handle_packet(now, device, from, &bytes),
+        ReadingKind::Joystick(event) => bridge.handle_joystick(now, device, event),
+        ReadingKind::Pose(pose) => bridge.handle_pose(now, device, &pose),
+        ReadingKind::Damaged(reason) => bridge.handle_damage(now, device, reason),
+        ReadingKind::Opened => bridge.handle_life(now, device),
+        ReadingKind::Failed(reason) => bridge.handle_failure(now, device, &reason),
+    }
+}

@@ -1,0 +1,189 @@
+//! Sockets and files that devices are read from: each on a task or a thread of its own.
+
+use std::fs::File;
+use std::io::Read;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::Context;
+use polyptych_devices::joystick::{EVENT_BYTES, JoystickEvent, event};
+use polyptych_devices::osc::PACKET_BYTES_MAX;
+use polyptych_devices::sensor_pose::SensorPose;
+use polyptych_devices::vrpn::{COOKIE, VrpnStream};
+use polyptych_wall::Wall;
+use polyptych_wall::device::{DeviceSource, HeadInput};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpStream, UdpSocket};
+use tokio::sync::mpsc;
+use tokio::time::{sleep, timeout};
+
+/// Maximum number of readings that wait for the bridge; the newest wait in the system's buffers.
+const READINGS_MAX: usize = 256;
+
+/// Pause before a device that cannot be opened, or has gone, is opened again.
+const REOPEN_PAUSE: Duration = Duration::from_secs(1);
+
+/// Time within which a VRPN server answers, and then says something: one that is gone without a
+/// word is connected to anew.
+const SILENCE_MAX: Duration = Duration::from_secs(10);
+
+/// Size of what is read of a stream at once, in bytes.
+const READ_BYTES: usize = 16_384;
+
+/// Something of the device with this index.
+pub struct Reading {
+    pub device: usize,
+    pub what: ReadingKind,
+}
+
+/// What a device, or its system, says.
+pub enum ReadingKind {
+    /// A UDP packet and its sender.
+    Packet(SocketAddr, Vec<u8>),
+    /// A value of a pad has changed.
+    Joystick(JoystickEvent),
+    /// A pose of the head's sensor.
+    Pose(SensorPose),
+    /// A reading that is damaged.
+    Damaged(String),
+    /// The device was opened.
+    Opened,
+    /// The device cannot be read.
+    Failed(String),
+}
+
+/// Opens all devices of a wall; what they say comes out of the receiver.
+///
+/// # Errors
+/// An address that cannot be listened to. A pad may be plugged in later.
+pub async fn open(wall: &Wall) -> anyhow::Result<mpsc::Receiver<Reading>> {
+    let (to_bridge, readings) = mpsc::channel(READINGS_MAX);
+    for (index, device) in wall.devices.iter().enumerate() {
+        let to_bridge = to_bridge.clone();
+        match &device.source {
+            DeviceSource::Osc { listen } => {
+                let about = || {
+                    let name = &device.name;
+                    format!("device {name}: cannot listen to {listen}; end what does, or change it")
+                };
+                let socket = UdpSocket::bind(listen).await.with_context(about)?;
+                tokio::spawn(read_packets(socket, index, to_bridge));
+            }
+            DeviceSource::Joystick { path } => {
+                let path = path.clone();
+                let thread = std::thread::Builder::new().name("joystick".into());
+                thread.spawn(move || read_joystick(&path, index, &to_bridge))?;
+            }
+            DeviceSource::Vrpn { server } => {
+                let input = device.head.as_ref().map(|head| head.input.clone());
+                if let Some(HeadInput::Vrpn { tracker, sensor }) = input {
+                    let stream = VrpnStream::new(&tracker, sensor);
+                    tokio::spawn(read_vrpn(server.clone(), stream, index, to_bridge));
+                }
+            }
+        }
+    }
+    Ok(readings)
+}
+
+async fn read_packets(socket: UdpSocket, device: usize, to_bridge: mpsc::Sender<Reading>) {
+    let mut buffer = vec![0; PACKET_BYTES_MAX];
+    loop {
+        let what = match socket.recv_from(&mut buffer).await {
+            Ok((length, from)) => ReadingKind::Packet(from, buffer[..length].to_vec()),
+            Err(error) => {
+                sleep(REOPEN_PAUSE).await;
+                ReadingKind::Failed(format!("its socket fails: {error}"))
+            }
+        };
+        if to_bridge.send(Reading { device, what }).await.is_err() {
+            return;
+        }
+    }
+}
+
+/// Reads the stream of a VRPN server, and connects again when it ends.
+async fn read_vrpn(
+    server: String,
+    fresh: VrpnStream,
+    device: usize,
+    to_bridge: mpsc::Sender<Reading>,
+) {
+    loop {
+        let failure = match read_vrpn_once(&server, fresh.clone(), device, &to_bridge).await {
+            Ok(()) => return,
+            Err(reason) => format!("the VRPN server {server}: {reason}"),
+        };
+        let what = ReadingKind::Failed(failure);
+        if to_bridge.send(Reading { device, what }).await.is_err() {
+            return;
+        }
+        sleep(REOPEN_PAUSE).await;
+    }
+}
+
+/// Reads until the bridge has ended.
+///
+/// # Errors
+/// Why the connection is over.
+async fn read_vrpn_once(
+    server: &str,
+    mut stream: VrpnStream,
+    device: usize,
+    to_bridge: &mpsc::Sender<Reading>,
+) -> Result<(), String> {
+    let silent = || format!("it says nothing for {} s", SILENCE_MAX.as_secs());
+    let connecting = timeout(SILENCE_MAX, TcpStream::connect(server)).await;
+    let connected = connecting.map_err(|_| silent())?;
+    let mut socket = connected.map_err(|error| format!("cannot connect: {error}; start it"))?;
+    socket.set_nodelay(true).map_err(|error| error.to_string())?;
+    socket.write_all(COOKIE).await.map_err(|error| error.to_string())?;
+    let mut buffer = vec![0; READ_BYTES];
+    loop {
+        let read = timeout(SILENCE_MAX, socket.read(&mut buffer)).await;
+        let length = read.map_err(|_| silent())?.map_err(|error| error.to_string())?;
+        if length == 0 {
+            return Err("it has closed the connection".to_owned());
+        }
+        let readings = stream.read(&buffer[..length]).map_err(|error| error.to_string())?;
+        for reading in readings {
+            let what = reading.map_or_else(ReadingKind::Damaged, ReadingKind::Pose);
+            if to_bridge.send(Reading { device, what }).await.is_err() {
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// Reads events until the bridge ends; opens the file again if it has gone.
+fn read_joystick(path: &str, device: usize, to_bridge: &mpsc::Sender<Reading>) {
+    let path: Arc<str> = path.into();
+    loop {
+        let failure = match File::open(&*path) {
+            Err(error) => format!("{path} cannot be opened: {error}; plug it in, or change path"),
+            Ok(mut file) => {
+                let opened = Reading { device, what: ReadingKind::Opened };
+                if to_bridge.blocking_send(opened).is_err() {
+                    return;
+                }
+                loop {
+                    let mut bytes = [0; EVENT_BYTES];
+                    if let Err(error) = file.read_exact(&mut bytes) {
+                        break format!("{path} has ended: {error}");
+                    }
+                    let Some(event) = event(bytes) else { continue };
+                    let what = ReadingKind::Joystick(event);
+                    if to_bridge.blocking_send(Reading { device, what }).is_err() {
+                        return;
+                    }
+                }
+            }
+        };
+        let what = ReadingKind::Failed(failure);
+        if to_bridge.blocking_send(Reading { device, what }).is_err() {
+            return;
+        }
+        std::thread::sleep(REOPEN_PAUSE);
+    }
+}
