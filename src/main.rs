@@ -7,9 +7,11 @@ mod launch;
 mod logging;
 mod outputs;
 mod progress;
+mod report_page;
 mod simulator;
 mod state_lock;
 mod supervisor;
+mod wall_drawing;
 
 use std::process::ExitCode;
 

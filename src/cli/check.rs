@@ -7,6 +7,7 @@ use polyptych_wall::wall_geometry::ResolvedWall;
 use polyptych_wall_file::check_report::CheckReport;
 
 use super::{WallFiles, bake_files, manager, say};
+use crate::{outputs, wall_drawing};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -15,9 +16,15 @@ pub(super) struct Arguments {
     /// Print JSON instead of a table; what nobody knows is left out of it, never null
     #[arg(long)]
     json: bool,
+    /// Draw the wall too, to scale: plan, side view and unrolled canvases, as one SVG file
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    if let Some(file) = &arguments.svg {
+        outputs::check(file)?;
+    }
     match polyptych_wall_file::load(&arguments.wall) {
         Ok(mut wall) => {
             let files = if wall.files.is_empty() {
@@ -28,6 +35,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             let shaped = ResolvedWall { wall: &wall, shapes: &files.shapes };
             let mut table = CheckReport::with_files(shaped, &files.maps);
             table.warnings.extend(files.warnings);
+            if let Some(file) = &arguments.svg {
+                outputs::write(file, wall_drawing::svg(shaped, &table).as_bytes())?;
+            }
             if arguments.json {
                 say(serde_json::to_string_pretty(&table)?)?;
             } else {

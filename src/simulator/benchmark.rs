@@ -10,7 +10,6 @@ mod html;
 mod image_error;
 mod load_step;
 mod peers;
-mod plot;
 mod scene_report;
 mod silhouette;
 mod stage;

@@ -149,3 +149,19 @@ fn generated_walls_say_whether_they_are_panels_or_projectors() {
     let few = place.run(["wall", "cylinder", "--projectors", "--channels", "3", "--throw", "1.2"]);
     few.failed(&["3 projectors with a throw ratio of 1.2:1 cannot light this screen", " works"]);
 }
+
+#[test]
+fn a_drawing_is_written_beside_the_table_and_a_folder_is_refused_before() {
+    let place = TestDir::new();
+    place.write("wall.toml", OVERSHOOT);
+    let text = place.run(["check", "wall.toml", "--svg", "wall.svg"]).succeeded();
+    assert!(text.contains("spill: the share"), "{text}");
+    let svg = std::fs::read_to_string(place.path("wall.svg")).expect("a drawing");
+    let document = roxmltree::Document::parse(&svg).expect("XML");
+    let beams = document
+        .descendants()
+        .filter(|node| node.attribute("class").is_some_and(|class| class.starts_with("w-beam ")));
+    // Three projectors in two views, and the legend.
+    assert_eq!(beams.count(), 7);
+    place.run(["check", "wall.toml", "--svg", "."]).failed(&["cannot write ."]);
+}

@@ -69,7 +69,7 @@ pub struct Overlap {
 }
 
 /// Returns whether this eye sees the channel.
-pub(super) fn is_seen_by(channel: &Channel, eye: Eye) -> bool {
+pub fn is_seen_by(channel: &Channel, eye: Eye) -> bool {
     let of = channel.adjustment.eye;
     let is_for_both = of == Eye::Center || channel.adjustment.packing != StereoPacking::None;
     is_for_both || of == eye
@@ -82,7 +82,7 @@ pub(super) fn eyes<'a>(channels: impl IntoIterator<Item = &'a Channel>) -> &'sta
 }
 
 /// A tile whose pixels lie where its rectangle says.
-pub(super) fn is_plain_tile(channel: &Channel) -> bool {
+pub fn is_plain_tile(channel: &Channel) -> bool {
     let adjustment = &channel.adjustment;
     channel.cover == ChannelKind::Tile
         && adjustment.pin == [DVec2::ZERO; 4]
@@ -90,7 +90,8 @@ pub(super) fn is_plain_tile(channel: &Channel) -> bool {
 }
 
 /// The part of a screen that a channel covers.
-pub(super) struct Footprint<'a> {
+#[derive(Debug)]
+pub struct Footprint<'a> {
     channel: &'a Channel,
     ground: ScreenGeometry<'a>,
     map: Option<ChannelMapping<'a>>,

@@ -1,10 +1,10 @@
 //! `report.html`: one file with tables and plots, without scripts.
 
 use super::frame_samples::FrameCosts;
-use super::plot::{Axis, Plot, Point, Scale, Series, add, number};
 use super::scene_report::{BoundReport, RunInfo, SceneReport};
-
-const STYLE: &str = include_str!("report.css");
+use crate::report_page::markup::{add, escaped, number};
+use crate::report_page::plot::{Axis, Plot, Point, Scale, Series};
+use crate::report_page::{self, add_facts, add_row, begin_table, end_table};
 
 /// Bytes of a MiB.
 const MIB: f64 = 1024.0 * 1024.0;
@@ -17,39 +17,15 @@ pub(crate) fn page(run: &RunInfo, scenes: &[SceneReport]) -> String {
          full detail. Measured by polyptych {}.</p>\n",
         run.version
     );
-    body.push_str(&run_table(run, scenes));
+    add_run(&mut body, run, scenes);
     body.push_str(&meaning(run));
     for scene in scenes {
         add_scene(&mut body, scene);
     }
-    format!(
-        "<!doctype html>\n\
-         <html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n\
-         <meta name=\"color-scheme\" content=\"light dark\"/>\n\
-         <title>Speed against error</title>\n<style>\n{STYLE}</style>\n</head>\n\
-         <body>\n{body}</body>\n</html>\n"
-    )
+    report_page::page("Speed against error", &body)
 }
 
-/// Returns text as it stands in HTML and XML, between tags or in quotes.
-pub(super) fn escaped(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            '"' => escaped.push_str("&quot;"),
-            // XML has no way to write them.
-            c if c.is_control() && c != '\n' && c != '\t' => escaped.push('\u{fffd}'),
-            c => escaped.push(c),
-        }
-    }
-    escaped
-}
-
-fn run_table(run: &RunInfo, scenes: &[SceneReport]) -> String {
+fn add_run(body: &mut String, run: &RunInfo, scenes: &[SceneReport]) {
     let [width, height] = run.size;
     let rounds = polyptych_text::counted(run.repetitions, "round");
     let mut adapters: Vec<&str> =
@@ -63,10 +39,7 @@ fn run_table(run: &RunInfo, scenes: &[SceneReport]) -> String {
         ("Frames", format!("{} of each setting in each of {rounds}", run.frames)),
         ("Command", run.command.clone()),
     ];
-    let row = |(name, value): &(&str, String)| {
-        format!("<tr><th scope=\"row\">{name}</th><td>{}</td></tr>\n", escaped(value))
-    };
-    format!("<table class=\"run\">\n{}</table>\n", rows.iter().map(row).collect::<String>())
+    add_facts(body, &rows);
 }
 
 /// The meaning of the numbers.
@@ -221,15 +194,25 @@ fn ends(list: &[f64]) -> [f64; 2] {
 
 fn bounds_table(scene: &SceneReport) -> String {
     let full_ms = scene.bounds.first().map_or(0.0, |bound| bound.frames.frame_ms);
-    let mut table = String::from(
-        "<table>\n<caption>One channel at each error bound</caption>\n<thead><tr>\
-         <th scope=\"col\">Bound, px</th><th scope=\"col\">Frame, ms</th>\
-         <th scope=\"col\">Quartiles</th><th scope=\"col\">95 %</th>\
-         <th scope=\"col\">Of full detail</th><th scope=\"col\">Triangles</th>\
-         <th scope=\"col\">Draw calls</th><th scope=\"col\">Stated error, px</th>\
-         <th scope=\"col\">Silhouette, px</th>\
-         <th scope=\"col\">FLIP, mean</th><th scope=\"col\">FLIP, 99 %</th>\
-         <th scope=\"col\">GPU, MiB</th><th scope=\"col\">Server, MiB</th></tr></thead>\n<tbody>\n",
+    let mut table = String::new();
+    begin_table(
+        &mut table,
+        "One channel at each error bound",
+        &[
+            "Bound, px",
+            "Frame, ms",
+            "Quartiles",
+            "95 %",
+            "Of full detail",
+            "Triangles",
+            "Draw calls",
+            "Stated error, px",
+            "Silhouette, px",
+            "FLIP, mean",
+            "FLIP, 99 %",
+            "GPU, MiB",
+            "Server, MiB",
+        ],
     );
     for bound in &scene.bounds {
         let (frames, spread) = (&bound.frames, &bound.frames.frame_ms_spread);
@@ -250,18 +233,25 @@ fn bounds_table(scene: &SceneReport) -> String {
         ];
         add_row(&mut table, &cells);
     }
-    table.push_str("</tbody>\n</table>\n");
+    end_table(&mut table);
     table
 }
 
 fn other_table(scene: &SceneReport) -> String {
     let full_ms = scene.bounds.first().map_or(0.0, |bound| bound.frames.frame_ms);
-    let mut table = String::from(
-        "<table>\n<caption>The same pixels otherwise, at full detail</caption>\n<thead><tr>\
-         <th scope=\"col\">Setting</th><th scope=\"col\">Frame, ms</th>\
-         <th scope=\"col\">Quartiles</th><th scope=\"col\">95 %</th>\
-         <th scope=\"col\">Of one channel</th><th scope=\"col\">Drawing, all channels, ms</th>\
-         <th scope=\"col\">Draw calls</th></tr></thead>\n<tbody>\n",
+    let mut table = String::new();
+    begin_table(
+        &mut table,
+        "The same pixels otherwise, at full detail",
+        &[
+            "Setting",
+            "Frame, ms",
+            "Quartiles",
+            "95 %",
+            "Of one channel",
+            "Drawing, all channels, ms",
+            "Draw calls",
+        ],
     );
     let empty = scene.empty_frame.iter().map(|frames| ("empty frame".to_owned(), frames));
     let flat = scene.flat_frame.iter().map(|frames| ("flat colour".to_owned(), frames));
@@ -285,23 +275,28 @@ fn other_table(scene: &SceneReport) -> String {
         ];
         add_row(&mut table, &cells);
     }
-    table.push_str("</tbody>\n</table>\n");
+    end_table(&mut table);
     table
 }
 
 fn add_load_step(page: &mut String, scene: &SceneReport) {
     let Some(step) = &scene.load_step else { return };
     let rate = step.rate_bound_fps;
-    add(
+    let caption = format!("A step of the load, with a rate bound of {rate:.1} frames per second");
+    begin_table(
         page,
-        format_args!(
-            "<table>\n<caption>A step of the load, with a rate bound of {rate:.1} frames per \
-             second</caption>\n<thead><tr><th scope=\"col\">Cameras</th>\
-             <th scope=\"col\">Frames in time</th><th scope=\"col\">Frame, ms</th>\
-             <th scope=\"col\">95 %</th><th scope=\"col\">Error in force, px</th>\
-             <th scope=\"col\">Largest</th><th scope=\"col\">Resolution</th>\
-             <th scope=\"col\">Least</th><th scope=\"col\">Triangles</th></tr></thead>\n<tbody>\n"
-        ),
+        &caption,
+        &[
+            "Cameras",
+            "Frames in time",
+            "Frame, ms",
+            "95 %",
+            "Error in force, px",
+            "Largest",
+            "Resolution",
+            "Least",
+            "Triangles",
+        ],
     );
     for phase in &step.phases {
         let share = 100.0 * f64::from(phase.in_time) / f64::from(phase.frames.max(1));
@@ -318,7 +313,7 @@ fn add_load_step(page: &mut String, scene: &SceneReport) {
         ];
         add_row(page, &cells);
     }
-    page.push_str("</tbody>\n</table>\n");
+    end_table(page);
 }
 
 fn add_peers(page: &mut String, scene: &SceneReport) {
@@ -330,11 +325,10 @@ fn add_peers(page: &mut String, scene: &SceneReport) {
         return;
     }
     let fastest = scene.peers.iter().filter_map(|peer| peer.frame_ms).fold(f64::INFINITY, f64::min);
-    page.push_str(
-        "<table>\n<caption>Renderers on the same poses at full detail, in one run of the kit\
-         </caption>\n<thead><tr><th scope=\"col\">Renderer</th>\
-         <th scope=\"col\">Frame, ms</th><th scope=\"col\">Of the fastest</th>\
-         <th scope=\"col\">Medians of rounds</th></tr></thead>\n<tbody>\n",
+    begin_table(
+        page,
+        "Renderers on the same poses at full detail, in one run of the kit",
+        &["Renderer", "Frame, ms", "Of the fastest", "Medians of rounds"],
     );
     for peer in &scene.peers {
         let rounds: Vec<String> = peer.rounds_ms.iter().map(|ms| format!("{ms:.1}")).collect();
@@ -346,23 +340,9 @@ fn add_peers(page: &mut String, scene: &SceneReport) {
         ];
         add_row(page, &cells);
     }
-    page.push_str("</tbody>\n</table>\n");
+    end_table(page);
 }
 
 fn ratio(value: f64, full: f64) -> String {
     if full > 0.0 { format!("{:.2}", value / full) } else { "–".into() }
-}
-
-/// A row whose first cell is its heading.
-fn add_row(table: &mut String, cells: &[String]) {
-    let cell = |(index, text): (usize, &String)| {
-        let text = escaped(text);
-        if index == 0 {
-            format!("<th scope=\"row\">{text}</th>")
-        } else {
-            format!("<td>{text}</td>")
-        }
-    };
-    let cells: String = cells.iter().enumerate().map(cell).collect();
-    add(table, format_args!("<tr>{cells}</tr>\n"));
 }

@@ -1,8 +1,6 @@
 //! Line plots as inline SVG, which follow the colours of the page around them.
 
-use std::fmt::Write;
-
-use super::html::escaped;
+use super::markup::{add, escaped, number};
 
 /// Width and height of a plot, in CSS pixels.
 const SIZE: [f64; 2] = [460.0, 300.0];
@@ -19,7 +17,7 @@ const INTERVALS: f64 = 5.0;
 
 /// The scale by which numbers become places along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Scale {
+pub(crate) enum Scale {
     /// In proportion, from 0.
     Linear,
     /// Linear up to a quarter, and logarithmic above: each doubling takes as much space as the
@@ -43,7 +41,7 @@ impl Scale {
 
 /// An axis with its marks.
 #[derive(Clone, Debug)]
-pub(super) struct Axis {
+pub(crate) struct Axis {
     pub label: String,
     pub scale: Scale,
     /// In rising order; the axis reaches from the first to the last one.
@@ -63,7 +61,7 @@ impl Axis {
     }
 
     /// The part of the axis below a number, from 0 to 1.
-    fn fraction(&self, value: f64) -> f64 {
+    pub fn fraction(&self, value: f64) -> f64 {
         let place = |value: &f64| self.scale.place(*value);
         let ends = self.marks.first().zip(self.marks.last()).map(|(a, b)| (place(a), place(b)));
         match ends {
@@ -76,7 +74,7 @@ impl Axis {
 
 /// A measured value, with the range that half of the measurements lie in if there are several.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Point {
+pub(crate) struct Point {
     pub x: f64,
     pub y: f64,
     pub quartiles: Option<[f64; 2]>,
@@ -84,7 +82,7 @@ pub(super) struct Point {
 
 /// Points of one kind, joined by a line.
 #[derive(Clone, Debug)]
-pub(super) struct Series {
+pub(crate) struct Series {
     pub name: String,
     pub points: Vec<Point>,
     /// A line to compare with, dashed and without markers.
@@ -93,7 +91,7 @@ pub(super) struct Series {
 
 /// A plot with one line for each series.
 #[derive(Clone, Debug)]
-pub(super) struct Plot {
+pub(crate) struct Plot {
     pub title: String,
     pub x: Axis,
     pub y: Axis,
@@ -230,31 +228,6 @@ impl Plot {
     }
 }
 
-/// Adds formatted text.
-pub(super) fn add(text: &mut String, what: std::fmt::Arguments<'_>) {
-    // Writing to a String cannot fail.
-    let _ = text.write_fmt(what);
-}
-
-/// A number in at most four digits, large ones in thousands or millions.
-pub(super) fn number(value: f64) -> String {
-    let (value, unit) = match value.abs() {
-        size if size >= 1e6 => (value / 1e6, " M"),
-        size if size >= 1e4 => (value / 1e3, " k"),
-        _ => (value, ""),
-    };
-    let digits = match value.abs() {
-        size if size >= 100.0 => 0,
-        size if size >= 10.0 => 1,
-        size if size >= 1.0 => 2,
-        _ => 4,
-    };
-    let text = format!("{value:.digits$}");
-    let text =
-        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
-    format!("{text}{unit}")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -307,22 +280,6 @@ mod tests {
                 let place: f64 = circle.attribute(key).expect("set").parse().expect("a number");
                 assert!((0.0..=size).contains(&place), "{key} {place}");
             }
-        }
-    }
-
-    #[test]
-    fn numbers_are_short() {
-        for (value, text) in [
-            (0.0, "0"),
-            (0.25, "0.25"),
-            (8.0, "8"),
-            (58.04, "58"),
-            (12.34, "12.3"),
-            (9999.0, "9999"),
-            (94_722.0, "94.7 k"),
-            (2_300_000.0, "2.3 M"),
-        ] {
-            assert_eq!(number(value), text, "{value}");
         }
     }
 }
