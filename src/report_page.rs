@@ -1,7 +1,10 @@
 //! Reports as one HTML file: tables, plots and pictures, without scripts or other files.
 
+pub(crate) mod embedded_image;
+pub(crate) mod heat_rows;
 pub(crate) mod markup;
 pub(crate) mod plot;
+pub(crate) mod spread_plot;
 
 use markup::{add, escaped};
 

@@ -26,8 +26,10 @@ use super::{
 };
 use crate::simulator::ending::Ending;
 use crate::simulator::faults::{self, Fault, FaultHooks, Faults};
+use crate::simulator::frame_series::FrameSeries;
 use crate::simulator::local_wall::{INTERRUPTED, LocalWall, LocalWallOptions};
 use crate::simulator::orbit;
+use crate::simulator::run_page;
 use crate::simulator::run_report::RunReport;
 use crate::simulator::town::{TownExtras, TownOptions, generate};
 use crate::simulator::verify::ReferenceScene;
@@ -48,6 +50,9 @@ const WALL_PICTURE: &str = "wall.png";
 
 /// The file with what the run measured.
 const REPORT: &str = "report.json";
+
+/// The same for people, with pictures and plots.
+const REPORT_PAGE: &str = "report.html";
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -223,7 +228,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
 fn outputs_of(wall: &Wall, out: &Path) -> Vec<PathBuf> {
     let channels = wall.channels.iter().map(|channel| channel_file(&channel.name));
     let screens = wall.screens.iter().map(|screen| screen_file(&screen.name));
-    let both = [WALL_PICTURE, REPORT].map(str::to_owned);
+    let both = [WALL_PICTURE, REPORT, REPORT_PAGE].map(str::to_owned);
     channels.chain(screens).chain(both).map(|name| out.join(name)).collect()
 }
 
@@ -283,7 +288,8 @@ fn drive(
     client.statistics(true)?;
     let mut faults = Faults::new(&arguments.fault, arguments.fault_seed, wall, local)?;
     let run = FrameRun { local, arguments, camera: &camera, ahead: wall.sync.pipeline_depth };
-    let time_s = run.draw(navigations, &mut faults)?;
+    let mut series = FrameSeries::default();
+    let time_s = run.draw(navigations, (&mut faults, &mut series))?;
     let ending = local.end.ending();
     let statistics = client.statistics(false)?;
     let (faults, faults_unrecorded) = faults.finish();
@@ -312,6 +318,8 @@ fn drive(
     report.faults = faults;
     report.faults_unrecorded = faults_unrecorded;
     outputs::write(&arguments.out.join(REPORT), &serde_json::to_vec_pretty(&report)?)?;
+    let page = run_page::page(wall, &report, &series, &whole)?;
+    outputs::write(&arguments.out.join(REPORT_PAGE), page.as_bytes())?;
     print_summary(&report, &arguments.out)?;
     Ok(seen.conclude())
 }
@@ -377,7 +385,11 @@ struct FrameRun<'a> {
 
 impl FrameRun<'_> {
     /// Draws the frames. Returns the scene time of the last one.
-    fn draw(&self, mut navigations: u64, faults: &mut Faults<'_>) -> anyhow::Result<f64> {
+    fn draw(
+        &self,
+        mut navigations: u64,
+        (faults, series): (&mut Faults<'_>, &mut FrameSeries),
+    ) -> anyhow::Result<f64> {
         let Self { local, arguments, camera, ahead } = *self;
         let count = frame_count(arguments);
         let bar = ProgressBar::with_draw_target(count, progress::target());
@@ -386,6 +398,7 @@ impl FrameRun<'_> {
         if let Ok(style) = ProgressStyle::with_template(&template) {
             bar.set_style(style);
         }
+        let (start, mut last_s) = (Instant::now(), arguments.time);
         let mut asked = VecDeque::new();
         let mut answer = |n: u64, pending: Pending| -> anyhow::Result<u64> {
             let Response::Frame(feedback) = pending.wait()? else {
@@ -393,10 +406,10 @@ impl FrameRun<'_> {
             };
             local.end.has_results();
             faults.note(n + 1, &feedback)?;
+            series.note(start.elapsed().as_secs_f64(), &feedback);
             bar.inc(1);
             Ok(feedback.navigations)
         };
-        let (start, mut last_s) = (Instant::now(), arguments.time);
         for n in 0.. {
             let is_over = arguments.seconds.is_some_and(|length| start.elapsed() >= length);
             if count.is_some_and(|count| n >= count) || is_over {

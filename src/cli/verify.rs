@@ -3,8 +3,12 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use polyptych_wall::wall_geometry::ResolvedWall;
+use polyptych_wall_file::check_report::CheckReport;
+
 use super::{bake_files, load_wall, log_file_warnings, manager, say, simulate};
-use crate::simulator::verify::{self, Walls};
+use crate::simulator::verify::{self, ProofPage, Walls};
+use crate::{outputs, wall_drawing};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -21,28 +25,46 @@ pub(super) struct Arguments {
     /// Where the table and its pictures go
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
+    /// Write all of it as one page too, with pictures and plots: an HTML file
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    if let Some(file) = &arguments.html {
+        outputs::check(file)?;
+    }
     let mut wall = load_wall(&arguments.wall)?;
     let baker = manager::default_baker()?;
-    log_file_warnings(&bake_files(&mut wall, &arguments.wall, &baker)?);
+    let files = bake_files(&mut wall, &arguments.wall, &baker)?;
+    log_file_warnings(&files);
     let mut built = arguments.as_built.as_deref().map(load_wall).transpose()?;
     if let (Some(built), Some(file)) = (&mut built, &arguments.as_built) {
         log_file_warnings(&bake_files(built, file, &baker)?);
     }
     let shown = simulate::shown(arguments.scene.as_deref())?;
-    let table = verify::verify(
+    let scene = shown.file.display().to_string();
+    let verify::Proof { table, pictures } = verify::verify(
         Walls { drawn: &wall, built: built.as_ref() },
         shown,
         &baker,
         &arguments.out,
     )?;
+    if let Some(file) = &arguments.html {
+        let shaped = ResolvedWall { wall: &wall, shapes: &files.shapes };
+        let drawing = wall_drawing::svg(shaped, &CheckReport::with_files(shaped, &files.maps));
+        let as_built = arguments.as_built.as_ref().map(|file| file.display().to_string());
+        let page = ProofPage { wall: &wall, scene, as_built, table: &table, pictures, drawing };
+        outputs::write(file, page.html().as_bytes())?;
+    }
     if arguments.json {
         say(format_args!("{}", serde_json::to_string_pretty(&table)?))?;
     } else {
         say(format_args!("{table}"))?;
         say(format_args!("pictures and table: {}", arguments.out.display()))?;
+        if let Some(file) = &arguments.html {
+            say(format_args!("page: {}", file.display()))?;
+        }
     }
     Ok(if table.is_met() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

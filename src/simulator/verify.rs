@@ -5,6 +5,7 @@ mod geometry;
 mod light;
 mod marker;
 mod oracle;
+mod proof_page;
 mod verification_report;
 mod views;
 
@@ -17,6 +18,7 @@ use polyptych_manager::import::{Baker, read_wall_files};
 use polyptych_text::counted;
 use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
 use polyptych_wall::{Channel, Wall};
+use proof_page::ProofPictures;
 use verification_report::VerificationReport;
 
 use crate::progress::Steps;
@@ -24,6 +26,14 @@ use crate::simulator::faults::FaultHooks;
 use crate::simulator::local_wall::{LocalWall, LocalWallOptions};
 use crate::simulator::orbit::HEADING_RAD;
 use crate::{image_files, outputs};
+
+pub(crate) use proof_page::ProofPage;
+
+/// What a proof came to.
+pub(crate) struct Proof {
+    pub table: VerificationReport,
+    pub pictures: ProofPictures,
+}
 
 /// A wall to prove.
 #[derive(Clone, Copy, Debug)]
@@ -44,7 +54,7 @@ pub(crate) fn verify(
     shown: ReferenceScene,
     baker: &Baker,
     out: &Path,
-) -> anyhow::Result<VerificationReport> {
+) -> anyhow::Result<Proof> {
     outputs::make_folder(out)?;
     let report = out.join("prove.json");
     outputs::check(&report)?;
@@ -98,14 +108,16 @@ pub(crate) fn verify(
         table.add_unmeasured("displays that hang or shine otherwise", None, why);
     }
     prover.save_all("wall", &capture)?;
+    let mut pictures = ProofPictures::new(&capture)?;
     for index in judged {
         let name = &wall.screens[usize::from(index)].name;
         steps.begin(format_args!("drawing screen {name} by one channel, to compare with"));
-        prover.compare(wall, index, &capture, &mut table)?;
+        let difference = prover.compare(wall, index, &capture, &mut table)?;
+        pictures.add_difference(name, &difference)?;
     }
     let json = serde_json::to_vec_pretty(&table)?;
     outputs::write(&report, &json)?;
-    Ok(table)
+    Ok(Proof { table, pictures })
 }
 
 impl Walls<'_> {
@@ -177,14 +189,15 @@ impl Verifier<'_> {
         Ok(capture)
     }
 
-    /// One channel shows the whole of a screen, seen from where the wall's camera stands.
+    /// One channel shows the whole of a screen, seen from where the wall's camera stands. Returns
+    /// the picture of what differs.
     fn compare(
         &self,
         wall: &Wall,
         index: u16,
         capture: &Capture,
         table: &mut VerificationReport,
-    ) -> anyhow::Result<()> {
+    ) -> anyhow::Result<image::RgbaImage> {
         let single = oracle::single(wall, index);
         let local = self.start(&single)?;
         let summary = local.client.open_scene(self.shown.file.display().to_string())?;
@@ -198,7 +211,8 @@ impl Verifier<'_> {
         let stitched = oracle::screen_of(capture, name)?;
         let difference = oracle::compare(wall, index, &stitched, &expected, table)?;
         self.save(&format!("single-{name}.png"), &expected)?;
-        self.save(&format!("difference-{name}.png"), &difference)
+        self.save(&format!("difference-{name}.png"), &difference)?;
+        Ok(difference)
     }
 
     fn save_all(&self, what: &str, capture: &Capture) -> anyhow::Result<()> {

@@ -34,6 +34,7 @@ impl Proof {
         let wall = place.write("wall.toml", wall).display().to_string();
         let out = place.path("out").display().to_string();
         let mut arguments = vec!["prove".to_owned(), wall, scene.to_owned(), "--out".into(), out];
+        arguments.extend(["--html".to_owned(), place.path("proof.html").display().to_string()]);
         if let Some(built) = built {
             arguments.push("--as-built".into());
             arguments.push(place.write("built.toml", built).display().to_string());
@@ -87,6 +88,16 @@ fn a_proof_says_what_it_does_and_what_its_rows_mean() {
     for picture in ["wall.png", "markers.png", "single-front.png", "difference-front.png"] {
         image::open(place.path("out").join(picture)).expect("a picture");
     }
+    let page = std::fs::read_to_string(place.path("proof.html")).expect("a page");
+    let document = roxmltree::Document::parse(page.split_once('\n').expect("lines").1);
+    let document = document.expect("XML");
+    let of_class = |class: &str| {
+        let nodes = document.descendants().filter_map(|node| node.attribute("class"));
+        nodes.filter(|has| has.split(' ').any(|word| word == class)).count()
+    };
+    assert!(of_class("mark-ring") > 4, "points on the picture");
+    assert_eq!(of_class("spread"), 1, "errors by channel");
+    assert_eq!((of_class("picture"), of_class("w-view")), (2, 2), "wall, difference; two views");
 }
 
 /// A smaller wall, with more keys of its first channel.

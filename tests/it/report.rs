@@ -26,6 +26,23 @@ fn simulated() -> (Simulation, Value) {
     (simulation, report)
 }
 
+/// Checks that the page is one well-formed file with pictures and plots of all channels.
+fn check_page(simulation: &Simulation, names: &[&str]) {
+    let page = std::fs::read_to_string(simulation.place.path("out/report.html")).expect("a page");
+    let xml = page.split_once('\n').expect("lines").1;
+    let document = roxmltree::Document::parse(xml).expect("XML");
+    let plots = document.descendants().filter_map(|node| node.attribute("aria-label"));
+    let plots: Vec<&str> = plots.collect();
+    for due in ["the wall's picture", "Drawing time of each channel", "wall small"] {
+        assert!(plots.contains(&due), "{due} is not in {plots:?}");
+    }
+    let texts: Vec<&str> = document.descendants().filter_map(|node| node.text()).collect();
+    assert!(names.iter().all(|name| texts.contains(name)), "{texts:?}");
+    let links = document.descendants().flat_map(|node| node.attributes());
+    let mut links = links.filter(|attribute| ["href", "src"].contains(&attribute.name()));
+    assert!(links.all(|link| link.value().starts_with(['#', 'd'])), "no other files");
+}
+
 /// The numbers of a spread, which must be in order.
 fn spread(value: &Value, key: &str) -> [f64; 3] {
     let numbers = ["p50", "p95", "max"].map(|quantile| {
@@ -76,6 +93,7 @@ fn a_report_says_what_was_drawn_and_how_long_it_took() {
     }
     assert_eq!(report["missing"], Value::Array(Vec::new()));
     check_pictures(&simulation, &names);
+    check_page(&simulation, &names);
 }
 
 /// A run without an end.
@@ -182,6 +200,7 @@ fn check_pictures(simulation: &Simulation, names: &[&str]) {
         check(&format!("report {name}"), &part, &channel, &IDENTICAL);
     }
     let mut files: Vec<_> = std::fs::read_dir(&out).expect("a folder").flatten().collect();
-    files.retain(|file| file.file_name() != "wall.png" && file.file_name() != "report.json");
+    let others = ["wall.png", "report.json", "report.html"];
+    files.retain(|file| others.iter().all(|other| file.file_name() != *other));
     assert_eq!(files.len(), names.len(), "{files:?}");
 }

@@ -14,7 +14,7 @@ use polyptych_wall::{Channel, ChannelId, ChannelKind, Viewpoint, Wall};
 
 use super::light::{self, Drawn};
 use super::marker::{self, LuminanceImage, Marker, Reading};
-use super::verification_report::{Bound, VerificationReport};
+use super::verification_report::{Bound, MeasuredPoint, VerificationReport};
 use crate::outputs;
 use crate::progress::Steps;
 
@@ -71,6 +71,8 @@ pub(super) struct ChannelView<'a> {
 struct MarkerError {
     channel: usize,
     marker: usize,
+    /// Where it must be in the channel's picture.
+    pixel: DVec2,
     error_px: DVec2,
     /// The error along the screen, in pixels of the channel and in the axes of display space.
     error_in_display: DVec3,
@@ -131,6 +133,8 @@ pub(super) fn verify(
         }
         let at = if offset_m == 0.0 { String::new() } else { format!(", {offset_m:e} m away") };
         report(table, (wall, &seen, &markers), &frames, &at);
+        let points = frames.iter().flatten().map(|found| found.point((wall, &seen, &markers)));
+        table.points.extend(points.map(|point| MeasuredPoint { offset_m, ..point }));
     }
     Ok(())
 }
@@ -236,7 +240,9 @@ fn find(
                 (Some(pixel), Reading::Off(error_px)) => {
                     all.push(MarkerError::new((at, index), &channel.map, pixel, error_px));
                 }
-                (_, Reading::Missing) if is_own => all.push(MarkerError::nothing(at, index)),
+                (_, Reading::Missing) if is_own => {
+                    all.push(MarkerError::nothing((at, index), marker.pixel));
+                }
                 // Where its weight ends a channel says little, and another one shows the marker.
                 _ => {}
             }
@@ -258,8 +264,36 @@ pub(super) fn picture_of<'a>(capture: &'a Capture, name: &str) -> anyhow::Result
 }
 
 impl MarkerError {
-    fn nothing(channel: usize, marker: usize) -> Self {
-        Self { channel, marker, error_px: DVec2::NAN, error_in_display: DVec3::NAN }
+    fn nothing((channel, marker): (usize, usize), pixel: DVec2) -> Self {
+        Self { channel, marker, pixel, error_px: DVec2::NAN, error_in_display: DVec3::NAN }
+    }
+
+    /// Returns whether it is a point that is not on the screen, for eyes of omnidirectional stereo.
+    fn is_deep(&self, seen: &[ChannelView<'_>], markers: &[Marker]) -> bool {
+        let is_around = matches!(seen[self.channel].eye, Viewpoint::Around(_));
+        is_around && !markers[self.marker].is_on_screen
+    }
+
+    /// What reports say of it.
+    fn point(
+        &self,
+        (wall, seen, markers): (&Wall, &[ChannelView<'_>], &[Marker]),
+    ) -> MeasuredPoint {
+        let channel = &seen[self.channel];
+        let bound_px = match (self.is_deep(seen, markers), channel.is_warped) {
+            (true, _) => wall.stereo.error_max_px + WARPED_ERROR_MAX_PX,
+            (false, true) => WARPED_ERROR_MAX_PX,
+            (false, false) => ERROR_MAX_PX,
+        };
+        MeasuredPoint {
+            channel: channel.name.to_owned(),
+            screen: usize::from(wall.channels[usize::from(channel.id.0)].screen),
+            pixel: self.pixel,
+            canvas: channel.map.canvas_from_pixel(self.pixel).unwrap_or(DVec2::NAN),
+            error_px: self.error_px.length(),
+            bound_px,
+            offset_m: 0.0,
+        }
     }
 
     fn new(
@@ -277,7 +311,7 @@ impl MarkerError {
         let error_in_display = x.zip(y).map_or(DVec3::NAN, |(x, y)| {
             (x * error_px.x + y * error_px.y) / x.length().min(y.length())
         });
-        Self { channel, marker, error_px, error_in_display }
+        Self { channel, marker, pixel, error_px, error_in_display }
     }
 }
 
@@ -326,10 +360,7 @@ fn report(
 ) {
     // Eyes of omnidirectional stereo stand still within each part of a picture: what is not on the
     // screen has a bound of its own.
-    let is_deep = |found: &&MarkerError| {
-        let is_around = matches!(seen[found.channel].eye, Viewpoint::Around(_));
-        is_around && !markers[found.marker].is_on_screen
-    };
+    let is_deep = |found: &&MarkerError| found.is_deep(seen, markers);
     let all = || frames.iter().flatten().filter(|found| !is_deep(found));
     let deep: Vec<&MarkerError> = frames.iter().flatten().filter(is_deep).collect();
     report_deep(table, (wall, seen), &deep, at);

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use glam::DVec2;
 use serde::Serialize;
 
 /// All rows, as text for people and as JSON.
@@ -9,6 +10,28 @@ use serde::Serialize;
 pub(crate) struct VerificationReport {
     /// In the order in which they were measured.
     pub rows: Vec<Measurement>,
+    /// Points that channels showed: what the rows of points are made of.
+    #[serde(skip)]
+    pub points: Vec<MeasuredPoint>,
+}
+
+/// A point that one channel showed in one frame.
+#[derive(Clone, Debug)]
+pub(crate) struct MeasuredPoint {
+    /// The channel's name.
+    pub channel: String,
+    /// The index of its screen.
+    pub screen: usize,
+    /// Where it must be, in pixels of the channel's picture.
+    pub pixel: DVec2,
+    /// Where that is on the screen's canvas, in pixels.
+    pub canvas: DVec2,
+    /// How far off it was, in pixels of the channel; NaN where it was not found.
+    pub error_px: f64,
+    /// The most that it may be off.
+    pub bound_px: f64,
+    /// How far from the origin the scene was, in metres.
+    pub offset_m: f64,
 }
 
 /// One measure.
@@ -67,6 +90,23 @@ impl VerificationReport {
         self.rows.push(Measurement { what, measured, unit, target, note, is_kept });
     }
 
+    /// The number of targets that are kept, and of all.
+    pub fn kept(&self) -> (usize, usize) {
+        let judged = || self.rows.iter().filter(|row| row.target.is_some());
+        (judged().filter(|row| row.is_kept).count(), judged().count())
+    }
+
+    /// The kinds of rows with what they mean, each once.
+    pub fn meanings(&self) -> Vec<(&'static str, &'static str)> {
+        let mut meanings = Vec::new();
+        for found in self.rows.iter().filter_map(|row| meaning(&row.what)) {
+            if !meanings.contains(&found) {
+                meanings.push(found);
+            }
+        }
+        meanings
+    }
+
     /// Returns whether all targets are kept, and there was something to judge.
     pub fn is_met(&self) -> bool {
         self.rows.iter().all(|row| row.is_kept) && self.rows.iter().any(|row| row.target.is_some())
@@ -74,13 +114,15 @@ impl VerificationReport {
 }
 
 /// Headings of the columns.
-const HEADINGS: [&str; 5] = ["what", "measured", "target", "kept", "where worst, or why"];
+pub(crate) const HEADINGS: [&str; 5] =
+    ["what", "measured", "target", "kept", "where worst, or why"];
 
 /// The column of numbers, which end in line.
 const NUMBERS: usize = 1;
 
 impl Measurement {
-    fn cells(&self) -> [String; 5] {
+    /// What, measured, target, whether it is kept, and the note.
+    pub fn cells(&self) -> [String; 5] {
         let target = match self.target {
             None => "none".to_owned(),
             Some(Bound::AtMost(most)) => format!("≤ {}", short(most)),
@@ -116,17 +158,9 @@ impl fmt::Display for VerificationReport {
             }
             writeln!(f, "{}", format!("{line}{}", cells[4]).trim_end())?;
         }
-        let judged: Vec<_> = self.rows.iter().filter(|row| row.target.is_some()).collect();
-        let kept = judged.iter().filter(|row| row.is_kept).count();
-        writeln!(f, "\ntargets kept: {kept} of {}", judged.len())?;
-        let mut explained: Vec<&str> = Vec::new();
-        for (name, meaning) in self.rows.iter().filter_map(|row| meaning(&row.what)) {
-            if !explained.contains(&name) {
-                explained.push(name);
-                writeln!(f, "  {name}: {meaning}")?;
-            }
-        }
-        Ok(())
+        let (kept, judged) = self.kept();
+        writeln!(f, "\ntargets kept: {kept} of {judged}")?;
+        self.meanings().into_iter().try_for_each(|(name, text)| writeln!(f, "  {name}: {text}"))
     }
 }
 
