@@ -26,6 +26,7 @@ mod picture;
 mod request_examples;
 mod resources;
 mod route;
+mod scene_pictures;
 mod stall_limit;
 mod trust;
 mod websocket;

@@ -75,3 +75,62 @@ impl StoredSession {
         Ok((ImportedSession { scene, state, left_out }, allowed))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use polyptych_protocol::environment::Environment;
+    use polyptych_protocol::state_log::SceneRef;
+    use polyptych_wall::camera::Camera;
+    use polyptych_wall::view::{Area, View};
+
+    use super::*;
+
+    fn wall(screen: &str) -> Wall {
+        let text = format!(
+            "[wall]\nname = \"w\"\n[[screen]]\nname = \"{screen}\"\nsize = [2.0, 1.0]\n\
+             center = [0.0, 0.0, -2.0]\n[screen.tiles]\ncolumns = 1\nrows = 1\n\
+             pixels = [100, 50]\n"
+        );
+        polyptych_wall_file::parse(&text, "w.toml".as_ref()).expect("a wall")
+    }
+
+    fn session() -> StoredSession {
+        let wall = wall("front");
+        let mut state = PersistentState::of_wall(&wall);
+        let area = Area::Screen { screen: 0, rect: [0, 0, 50, 50] };
+        state.presentation.views = vec![View { area, ..View::of_wall(Camera::IDENTITY) }];
+        StoredSession { wall: wall.without_paths(), state, saved_at_s: 7 }
+    }
+
+    #[test]
+    fn what_does_not_fit_the_wall_any_more_is_left_out_and_said() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let blobs = BlobStore::new(folder.path());
+        let (same, allowed) = session().read("show", &wall("front"), &blobs).expect("read");
+        assert_eq!((&same.left_out, allowed.len()), (&Vec::new(), 0));
+        assert_eq!(same.state.presentation.views.len(), 1);
+        // A screen of the same form is the same, whatever its name.
+        let (renamed, _) = session().read("show", &wall("face"), &blobs).expect("read");
+        assert_eq!(renamed.state.presentation.views.len(), 1);
+        let mut narrow = wall("side");
+        narrow.screens[0].canvas.x = 40;
+        let mut lit = session();
+        let environment = Environment { name: "sky".into(), blob: BlobHash([7; 32]) };
+        lit.state.environment = Some(environment);
+        let (less, _) = lit.read("show", &narrow, &blobs).expect("read");
+        assert!(less.state.presentation.views.is_empty() && less.state.environment.is_none());
+        let [view, sky] = &less.left_out[..] else { panic!("{:?}", less.left_out) };
+        assert!(view.starts_with("view 1: ") && sky.contains("surroundings sky"), "{view} {sky}");
+    }
+
+    #[test]
+    fn a_session_whose_scene_is_gone_is_refused_by_name() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut gone = session();
+        gone.state.scene = Some(SceneRef { name: "town".into(), manifest: BlobHash([1; 32]) });
+        assert_eq!(gone.summary("show").scene.as_deref(), Some("town"));
+        let read = gone.read("show", &wall("front"), &BlobStore::new(folder.path()));
+        let reason = read.expect_err("gone");
+        assert!(reason.starts_with("the session show is not whole any more: "), "{reason}");
+    }
+}

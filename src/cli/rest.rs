@@ -37,10 +37,10 @@ fn in_words(RestStatus { rules, is_resting }: &RestStatus) -> String {
     });
     let rules: Vec<String> = after.into_iter().chain(outside).collect();
     let state = if *is_resting { "; they are dark now" } else { "" };
-    match rules.is_empty() {
-        true => format!("displays never go dark by themselves{state}"),
-        false => format!("displays go dark {}{state}", rules.join(" and ")),
+    if rules.is_empty() {
+        return format!("displays never go dark by themselves{state}");
     }
+    format!("displays go dark {}{state}", rules.join(" and "))
 }
 
 /// Hours of a day, as an argument.

@@ -108,9 +108,7 @@ class DisplayCalls(Requests):
         marker = None if channel is None else {"channel": channel, "point": point}
         self._do({"MarkPoint": marker})
 
-    def set_rest(
-        self, idle_s: Optional[float] = None, hours: Optional[LitHours] = None
-    ) -> None:
+    def set_rest(self, idle_s: Optional[float] = None, hours: Optional[LitHours] = None) -> None:
         """Sets when displays go dark by themselves; never with neither. The manager keeps it.
 
         :param idle_s: seconds without a request that changes what the wall shows.

@@ -63,13 +63,10 @@ impl Cluster {
         request: Request,
     ) -> Result<Option<Response>, String> {
         match request {
-            Request::OpenScene { path, scene } => return self.import(job, path, scene),
-            Request::OpenSession { name } => return self.open_session(job, name),
-            Request::OpenOutcome { session, of } => return self.claim_outcome(job, session, of),
-            Request::CloseScene => {
-                self.request_change(now, StateChange::closing(job));
-                return Ok(None);
-            }
+            opening @ (Request::OpenScene { .. }
+            | Request::OpenSession { .. }
+            | Request::OpenOutcome { .. }
+            | Request::CloseScene) => return self.open(now, job, opening),
             Request::SetCamera(camera) => self.place_camera(checked_camera(camera)?),
             Request::SetHead(head) => self.set_head(head)?,
             Request::Fly(flight) => self.fly(now, &flight)?,
@@ -116,11 +113,7 @@ impl Cluster {
             Request::Statistics { reset } => {
                 return Ok(Some(Response::Statistics(Box::new(self.statistics(reset)))));
             }
-            Request::Subscribe(wish) => {
-                if let Some(client) = self.clients.get_mut(&job.client) {
-                    client.is_subscribed = wish;
-                }
-            }
+            Request::Subscribe(wish) => self.subscribe(job, wish),
             guiding @ (Request::StoreView { .. }
             | Request::RemoveView { .. }
             | Request::ListStoredViews
@@ -138,6 +131,30 @@ impl Cluster {
             }
         }
         Ok(Some(Response::Done))
+    }
+
+    /// Opens or closes a scene, or all that a session shows.
+    fn open(
+        &mut self,
+        now: Micros,
+        job: ClientRequest,
+        request: Request,
+    ) -> Result<Option<Response>, String> {
+        match request {
+            Request::OpenScene { path, scene } => self.import(job, path, scene),
+            Request::OpenSession { name } => self.open_session(job, name),
+            Request::OpenOutcome { session, of } => self.claim_outcome(job, session, of),
+            _ => {
+                self.request_change(now, StateChange::closing(job));
+                Ok(None)
+            }
+        }
+    }
+
+    fn subscribe(&mut self, job: ClientRequest, wish: bool) {
+        if let Some(client) = self.clients.get_mut(&job.client) {
+            client.is_subscribed = wish;
+        }
     }
 
     /// Lists the variants or the animation clips of the open scene, as requested.

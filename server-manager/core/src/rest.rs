@@ -57,7 +57,9 @@ impl Rest {
     }
 
     fn begin(&mut self, rules: RestRules, now: Micros) {
-        *self = Self { rules, minute: self.minute, since: now, ..Self::default() };
+        // While there were no hours, the minute was not told.
+        let minute = self.minute.filter(|_| self.rules.hours.is_some());
+        *self = Self { rules, minute, since: now, ..Self::default() };
     }
 
     pub fn rules(&self) -> RestRules {

@@ -1,8 +1,8 @@
 //! Sessions: all that the wall shows and how it shows it, as the manager keeps it under a name.
 //!
 //! A session is a [`PersistentState`] without what belongs to the wall and not to the show: its
-//! calibration, its hours, and what ends with a client. It is shown as a scene is: servers prepare it, and
-//! from one frame on the wall shows all of it.
+//! calibration, its hours, and what ends with a client. It is shown as a scene is: servers prepare
+//! it, and from one frame on the wall shows all of it.
 
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::request::{RequestError, Response, SceneSummary};

@@ -7,7 +7,7 @@
 mod happenings;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -22,6 +22,7 @@ use super::JpegEncoder;
 use super::answer::Refusal;
 use super::client::HttpClient;
 use super::picture::{self, EncodedPicture, Picture, PictureFormat};
+use super::scene_pictures::ScenePictures;
 use crate::requests::RequestQueues;
 use crate::session::Event;
 
@@ -57,6 +58,7 @@ struct Shared {
     is_watching: Mutex<bool>,
     feedback_wishes: AtomicUsize,
     previews: tokio::sync::Mutex<Previews>,
+    scenes: Mutex<ScenePictures>,
 }
 
 #[derive(Default)]
@@ -92,6 +94,7 @@ impl LiveWall {
             is_watching: Mutex::new(false),
             feedback_wishes: AtomicUsize::new(0),
             previews: tokio::sync::Mutex::default(),
+            scenes: Mutex::default(),
         }))
     }
 
@@ -161,12 +164,18 @@ impl LiveWall {
                         for text in happenings.of(&status) {
                             self.publish("log", &serde_json::json!({ "text": text }));
                         }
+                        self.scenes().follow(&status);
                         self.publish("status", &status);
                     }
                 }
                 _ => {}
             }
         }
+    }
+
+    /// The pictures of scenes.
+    pub fn scenes(&self) -> MutexGuard<'_, ScenePictures> {
+        self.0.scenes.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     async fn join(&self, name: &str) -> Result<HttpClient, Refusal> {
@@ -223,6 +232,9 @@ impl LiveWall {
         };
         let scaled = tokio::task::spawn_blocking(scale).await.ok().flatten();
         let picture = scaled.ok_or_else(|| Refusal::unavailable("a picture is not whole"))?;
+        if self.scenes().wants() {
+            self.scenes().take(picture.clone());
+        }
         Ok(Preview { began, picture, forms: Mutex::default() })
     }
 }

@@ -102,7 +102,7 @@ fn parameters(route: &Route) -> Vec<Value> {
 
 fn content(route: &Route) -> Value {
     match route.action {
-        Action::Picture(_) => {
+        Action::Picture(_) | Action::ScenePicture => {
             let formats = [PictureFormat::Png, PictureFormat::Jpeg, PictureFormat::Rgba];
             formats.into_iter().map(|of| (of.content_type().to_owned(), json!({}))).collect()
         }

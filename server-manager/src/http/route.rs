@@ -51,6 +51,9 @@ pub(super) enum Action {
     Request,
     /// Takes a picture.
     Picture(resources::pictures::PictureOf),
+    /// Sends the picture of a scene, or the names of scenes that have one.
+    ScenePicture,
+    SceneNames,
     /// Takes all pictures of a frame.
     Capture,
     /// Finds what a pixel shows.
@@ -217,6 +220,11 @@ pub(super) async fn answer(
         Action::ShowView => resources::camera::show_view(connection, &call).await,
         Action::Request => resources::session::request(connection, &call).await,
         Action::Picture(of) => resources::pictures::answer(connection, &call, of).await,
+        Action::ScenePicture => resources::pictures::of_scene(connection, &call).await,
+        Action::SceneNames => {
+            let names = connection.context.live.scenes().names();
+            Ok(answer::json(StatusCode::OK, &names))
+        }
         Action::Capture => resources::capture::answer(connection, &call).await,
         Action::Pick => resources::pick::answer(connection, &call).await,
         Action::Export => resources::scene::export(connection, &call).await,

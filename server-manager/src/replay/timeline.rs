@@ -147,7 +147,6 @@ impl Timeline {
                     self.event("request", format!("client {name} asks: {words}"));
                 }
             }
-            Input::Minute { .. } => {}
             Input::Session { session, .. } => {
                 let outcome = session.as_ref().map(|_| "it was read");
                 let text = format!("a session: {}", outcome.unwrap_or_else(|reason| reason));
@@ -164,6 +163,7 @@ impl Timeline {
             | Input::Status { .. }
             | Input::Heard { .. }
             | Input::Places { .. }
+            | Input::Minute { .. }
             | Input::Progress { .. } => {}
         }
     }

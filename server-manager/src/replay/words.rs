@@ -115,14 +115,7 @@ pub(super) fn of_request(request: &Request) -> String {
         | Request::RemoveSession { name: session } => format!("{name} {}", text(session)),
         Request::MarkPoint(None) => format!("{name} nowhere"),
         Request::MarkPoint(Some(marker)) => format!("{name} of {}", text(&marker.channel)),
-        Request::SetRest(RestRules { idle_s, hours }) => {
-            let idle = idle_s.map(|idle_s| format!("after {idle_s} s without use"));
-            let hours =
-                hours.map(|of| format!("outside minutes {} to {}", of.from_min, of.until_min));
-            let rules: Vec<_> = idle.into_iter().chain(hours).collect();
-            let rules = if rules.is_empty() { "never".to_owned() } else { rules.join(" and ") };
-            format!("{name}: dark {rules}")
-        }
+        Request::SetRest(rules) => format!("{name}: dark {}", rest_in_words(rules)),
         Request::PlayTour(tour) => {
             let times = if tour.is_loop { "in a loop" } else { "once" };
             format!("{name} of {} {times}", counted(tour.stops.len(), "stop"))
@@ -135,6 +128,14 @@ pub(super) fn of_request(request: &Request) -> String {
         Request::Capture { time_s: Some(time_s) } => format!("{name} at {time_s} s"),
         _ => name.to_owned(),
     }
+}
+
+/// Returns when displays go dark by themselves.
+fn rest_in_words(RestRules { idle_s, hours }: &RestRules) -> String {
+    let idle = idle_s.map(|idle_s| format!("after {idle_s} s without use"));
+    let hours = hours.map(|of| format!("outside minutes {} to {}", of.from_min, of.until_min));
+    let rules: Vec<_> = idle.into_iter().chain(hours).collect();
+    if rules.is_empty() { "never".to_owned() } else { rules.join(" and ") }
 }
 
 fn of_status(status: &ServerMessage) -> String {

@@ -61,7 +61,7 @@ pub(super) struct Imported {
 
 /// What it was of, and what came of it.
 enum Imports {
-    Scene(Result<Import, String>),
+    Scene(Box<Result<Import, String>>),
     /// Of a session, with the blobs that servers may now ask for.
     Session(Result<(Box<ImportedSession>, Vec<BlobHash>), String>),
 }
@@ -71,7 +71,7 @@ impl EventLoop {
         let job = imported.job;
         let input = match imported.result {
             Imports::Scene(result) => {
-                let imported = result.map(|import| {
+                let imported = (*result).map(|import| {
                     self.allowed.allow(&import.blobs);
                     import.scene
                 });
@@ -194,7 +194,7 @@ impl EventLoop {
                 None => import::import((&path, scene.as_deref()), &roots, &baker, tell).await,
             };
             // The manager may have ended meanwhile.
-            let result = Imports::Scene(result);
+            let result = Imports::Scene(Box::new(result));
             let _ = done.send(Imported { job, result }).await;
         };
         tokio::spawn(work.instrument(self.cluster.request_span(job)));

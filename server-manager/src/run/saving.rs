@@ -38,7 +38,7 @@ impl Stores {
 /// The content of the wall at the moment at which it was to be saved.
 enum Kept {
     Nothing,
-    Scene(Option<EditedScene>),
+    Scene(Box<Option<EditedScene>>),
     Session(Box<StoredSession>),
 }
 
@@ -53,7 +53,7 @@ impl EventLoop {
         let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
         let saved_at_s = since.map_or(0, |since| since.as_secs());
         let kept = match request {
-            Request::SaveScene { .. } => Kept::Scene(self.cluster.edited_scene()),
+            Request::SaveScene { .. } => Kept::Scene(Box::new(self.cluster.edited_scene())),
             Request::SaveSession { .. } => {
                 let (wall, state) =
                     (self.options.wall.without_paths(), self.cluster.session_state());
@@ -81,7 +81,7 @@ fn act(
 ) -> Result<Response, String> {
     match (request, kept) {
         (Request::SaveScene { name }, Kept::Scene(scene)) => {
-            let scene = scene.ok_or("no scene is open; open one first")?;
+            let scene = (*scene).ok_or("no scene is open; open one first")?;
             scenes.save(name, &StoredScene::new(scene, blobs, saved_at_s)?)?;
         }
         (Request::SaveSession { name }, Kept::Session(session)) => sessions.save(name, &session)?,

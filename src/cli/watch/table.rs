@@ -226,7 +226,10 @@ fn modes_in_words(status: &WallStatus) -> impl Iterator<Item = String> {
         .presentation
         .pattern
         .map(|pattern| ["pattern: ", pattern.name(), ", until: polyptych pattern --off"].concat());
-    displays.into_iter().chain(pattern)
+    let rest = status.rest.is_resting.then(|| {
+        "displays: dark by themselves, until the wall is used or: polyptych rest --off".to_owned()
+    });
+    displays.into_iter().chain(pattern).chain(rest)
 }
 
 /// Such as `62 live, 1 late, 1 lost`, the worst first.

@@ -37,8 +37,10 @@ fn open(page: &Page) -> TcpStream {
 fn frame(first: u8, payload: &[u8]) -> Vec<u8> {
     let mask = [1, 2, 3, 4];
     let length = (payload.len() as u16).to_be_bytes();
+    let lengths =
+        if payload.len() < 126 { vec![0x80 | length[1]] } else { vec![0xfe, length[0], length[1]] };
     let masked = payload.iter().enumerate().map(|(at, byte)| byte ^ mask[at % 4]);
-    [first, 0x80 | 126, length[0], length[1]].into_iter().chain(mask).chain(masked).collect()
+    std::iter::once(first).chain(lengths).chain(mask).chain(masked).collect()
 }
 
 /// The next frame of the server: its first byte and its payload.
@@ -77,13 +79,14 @@ fn the_last_camera_of_many_is_shown_and_the_wall_is_not_behind() {
     assert!(said(&mut stream)["frame"].as_u64().is_some_and(|frame| frame > 0));
     assert_eq!(shown().head.position.x, 0.1);
     let mut reader = stream.try_clone().expect("a reader");
-    let answers = std::thread::spawn(move || {
+    let read = move || {
         let mut answers = 0;
         while said(&mut reader)["error"].is_null() {
             answers += 1;
         }
         answers
-    });
+    };
+    let answers = std::thread::Builder::new().name("reader".into()).spawn(read).expect("a thread");
     for step in 1..=COUNT {
         stream.write_all(&text(json!({ "camera": at(step as f64) }))).expect("sent");
     }

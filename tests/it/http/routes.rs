@@ -111,6 +111,9 @@ fn check_scene(page: &Page) {
     let files = page.route("GET", "/scene/files", &[], None).value();
     let files = files["files"].as_array().expect("files");
     assert!(files.iter().any(|of| of["path"] == "town.glb"), "{files:?}");
+    assert_eq!(page.route("GET", "/scene/previews", &[], None).value(), json!([]));
+    page.route("GET", "/scene/previews/{name}.{format}", &["town", "jpg"], None)
+        .refused(404, "has no preview");
     let opened = open("town.glb").value();
     assert_eq!(opened["scene"]["name"], "town");
     assert_eq!(opened["frame"]["channels"][0]["state"], "live");

@@ -508,6 +508,34 @@ fn answers() -> Vec<request::MessageToClient> {
             silent: vec![("right".into(), "it said nothing".into())],
             absent: vec!["floor".into()],
         })),
+        Ok(Response::StoredViews(vec![StoredView { name: "quay".into(), camera: camera() }])),
+        Ok(Response::Tour(Box::new(TourStatus {
+            tour: Some(tour()),
+            following: Some(NodeId(3)),
+            began_s: Some(1.5),
+            time_s: 2.0,
+            pace: Some(Pacing::Rate(60.0)),
+        }))),
+        Ok(Response::Way(Box::new(walked()))),
+        Err(RequestError::new("no such scene")),
+    ];
+    let part = ReplyChunk { id, index: 1, bytes: Bytes::from_static(&[7; 64]) };
+    let others = [
+        request::MessageToClient::Feedback(feedback()),
+        request::MessageToClient::Chunk(part),
+        request::MessageToClient::Progress { id, progress: OpenProgress::NONE },
+        request::MessageToClient::Warning { id, warning: "the disk is full".into() },
+        request::MessageToClient::Goodbye(Goodbye::Ended),
+    ];
+    let replies =
+        replies.into_iter().chain(answers_about_space()).chain(answers_about_kept(summary));
+    let replies = replies.map(|reply| request::MessageToClient::Reply { id, reply });
+    replies.chain(others).collect()
+}
+
+/// Answers about what the manager keeps under names, and about its files.
+fn answers_about_kept(summary: SceneSummary) -> [Result<Response, RequestError>; 4] {
+    [
         Ok(Response::SavedScenes(vec![SavedScene {
             name: "evening".into(),
             scene: "town".into(),
@@ -529,28 +557,7 @@ fn answers() -> Vec<request::MessageToClient> {
             scene: Some(summary),
             left_out: vec!["view 1: its screen is not known".into()],
         }))),
-        Ok(Response::StoredViews(vec![StoredView { name: "quay".into(), camera: camera() }])),
-        Ok(Response::Tour(Box::new(TourStatus {
-            tour: Some(tour()),
-            following: Some(NodeId(3)),
-            began_s: Some(1.5),
-            time_s: 2.0,
-            pace: Some(Pacing::Rate(60.0)),
-        }))),
-        Ok(Response::Way(Box::new(walked()))),
-        Err(RequestError::new("no such scene")),
-    ];
-    let part = ReplyChunk { id, index: 1, bytes: Bytes::from_static(&[7; 64]) };
-    let others = [
-        request::MessageToClient::Feedback(feedback()),
-        request::MessageToClient::Chunk(part),
-        request::MessageToClient::Progress { id, progress: OpenProgress::NONE },
-        request::MessageToClient::Warning { id, warning: "the disk is full".into() },
-        request::MessageToClient::Goodbye(Goodbye::Ended),
-    ];
-    let replies = replies.into_iter().chain(answers_about_space());
-    let replies = replies.map(|reply| request::MessageToClient::Reply { id, reply });
-    replies.chain(others).collect()
+    ]
 }
 
 fn bulk_ups() -> Vec<BulkToManager> {

@@ -11,12 +11,22 @@ function fill(id, values, title = (value) => value) {
   if (values.includes(before)) byId(id).value = before;
 }
 
+/** Shows the chosen file's scene, if the wall has shown it while somebody watched. */
+async function preview() {
+  const name = byId("files").value.split("/").at(-1).replace(/\.[^.]*$/, "");
+  const names = await read("/api/v1/scene/previews") ?? [];
+  const image = byId("files-preview");
+  image.hidden = !names.includes(name);
+  if (!image.hidden) image.src = `/api/v1/scene/previews/${encoded(name)}.jpg`;
+}
+
 async function listFiles() {
   const list = await read("/api/v1/scene/files");
   const files = list?.files ?? [];
   const size = new Map(files.map((file) => [file.path, `${(file.bytes / 1e6).toFixed(1)} MB`]));
   fill("files", files.map((file) => file.path), (path) => `${path} (${size.get(path)})`);
   byId("files-cut").hidden = !list?.is_cut;
+  preview();
 }
 
 async function listSaved() {
@@ -68,6 +78,7 @@ export function startScenes(refresh) {
   });
   ofChosen("open-file", "files", (path) => open(path, false));
   on("refresh-files", "click", listFiles);
+  on("files", "change", preview);
   on("close", "click", () => act("POST", "/api/v1/scene/close"));
   ofForm("save-scene-form", listSaved, "/api/v1/scene/saved/");
   ofChosen("open-saved", "saved", (name) => open(`saved:${name}`, true));

@@ -149,7 +149,8 @@ struct Socket {
     to: WriteHalf<TokioIo<Upgraded>>,
     decoder: Decoder,
     waiting: Moves,
-    _place: OwnedSemaphorePermit,
+    #[expect(dead_code, reason = "counted until it is dropped")]
+    place: OwnedSemaphorePermit,
 }
 
 /// Why a socket ended, as it is told to the peer; `None` where it is gone.
@@ -159,7 +160,7 @@ impl Socket {
     fn new(upgraded: Upgraded, place: OwnedSemaphorePermit) -> Self {
         let (from, to) = tokio::io::split(TokioIo::new(upgraded));
         let (decoder, waiting) = (Decoder::default(), Moves::default());
-        Self { from, to, decoder, waiting, _place: place }
+        Self { from, to, decoder, waiting, place }
     }
 
     async fn serve(mut self, client: HttpClient) {

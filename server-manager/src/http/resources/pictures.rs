@@ -74,6 +74,23 @@ pub(in crate::http) const ROUTES: &[Route] = &[
         body: None,
         action: Action::Picture(PictureOf::Channel),
     },
+    Route {
+        method: "GET",
+        path: "/scene/previews",
+        summary: "The names of scenes that have a preview: those that the wall showed while \
+                  somebody watched, since the manager started, at most 64.",
+        query: &[],
+        body: None,
+        action: Action::SceneNames,
+    },
+    Route {
+        method: "GET",
+        path: "/scene/previews/{name}.{format}",
+        summary: "A small picture of a scene, as the wall last showed it.",
+        query: &[],
+        body: None,
+        action: Action::ScenePicture,
+    },
 ];
 
 /// Takes a picture.
@@ -137,13 +154,34 @@ pub(super) fn width(call: &Call) -> Result<u32, Refusal> {
 /// Waits for a place among the captures.
 pub(super) async fn turn(context: &HttpContext) -> Result<OwnedSemaphorePermit, Refusal> {
     let turn = Arc::clone(&context.captures).acquire_owned();
-    match tokio::time::timeout(TURN_TIME_MAX, turn).await {
-        Ok(Ok(turn)) => Ok(turn),
-        _ => {
-            let reason = format!("{CAPTURES_MAX} captures are on their way; ask again later");
-            Err(Refusal::unavailable(reason))
-        }
-    }
+    let turn = tokio::time::timeout(TURN_TIME_MAX, turn).await.ok().and_then(Result::ok);
+    turn.ok_or_else(|| {
+        let reason = format!("{CAPTURES_MAX} captures are on their way; ask again later");
+        Refusal::unavailable(reason)
+    })
+}
+
+/// Sends the small picture of a scene.
+///
+/// # Errors
+/// There is none.
+pub(in crate::http) async fn of_scene(
+    connection: &Connection,
+    call: &Call,
+) -> Result<Response<Body>, Refusal> {
+    let (context, name) = (&connection.context, call.name());
+    let format = call.names.last().and_then(|ending| PictureFormat::from_ending(ending));
+    let format = format.ok_or_else(|| Refusal::not_found("pictures are png, jpg or rgba"))?;
+    let found = context.live.scenes().find(&name);
+    let picture = found.ok_or_else(|| {
+        let names = context.live.scenes().names().join(", ");
+        Refusal::not_found(format!("scene {name:?} has no preview; these have: {names}"))
+    })?;
+    let encode_jpeg = context.encode_jpeg;
+    let work = move || picture.encode(format, encode_jpeg);
+    let encoded = tokio::task::spawn_blocking(work).await;
+    let encoded = encoded.map_err(|error| Refusal::unavailable(error.to_string()))?;
+    Ok(with_size(format, encoded.map_err(Refusal::unavailable)?, None))
 }
 
 fn choose(
