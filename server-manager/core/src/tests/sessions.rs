@@ -68,6 +68,7 @@ fn a_session_brings_back_all_that_was_on_the_wall() {
     assert_eq!((cleared.scene, cleared.stored_views, cleared.tour), (None, Vec::new(), None));
     assert_eq!(cleared.pace, None);
 
+    stage.draw(&[0, 1], 20_000);
     stage.frames.clear();
     let id = open(&mut stage, session_of(&kept));
     let (_, reply) = stage.replies.iter().find(|(of, _)| *of == id).expect("answered");
@@ -79,6 +80,7 @@ fn a_session_brings_back_all_that_was_on_the_wall() {
     let memory = stage.memories.last().expect("remembered");
     assert_eq!(memory.presentation, kept.presentation);
     let revision = stage.cluster.shown.revision;
+    stage.draw(&[0, 1], 20_000);
     stage.wait(40_000);
     let first = stage.frames.iter().find(|(_, of)| of.revision == revision).expect("a frame");
     assert_eq!(first.1.presentation.views, kept.presentation.views, "all of it from one frame on");
