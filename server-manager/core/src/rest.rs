@@ -57,9 +57,10 @@ impl Rest {
     }
 
     fn begin(&mut self, rules: RestRules, now: Micros) {
-        // While there were no hours, the minute was not told.
+        let Self { is_resting, .. } = *self;
+        // Without hours nobody told the minute: the one that is known may be hours old.
         let minute = self.minute.filter(|_| self.rules.hours.is_some());
-        *self = Self { rules, minute, since: now, ..Self::default() };
+        *self = Self { rules, minute, used_at: None, since: now, is_resting };
     }
 
     pub fn rules(&self) -> RestRules {

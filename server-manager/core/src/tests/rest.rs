@@ -55,7 +55,13 @@ fn a_wall_that_is_not_used_goes_dark_and_is_lit_by_use() {
     let (_, reply) = stage.replies.iter().find(|(of, _)| *of == wrong).expect("answered");
     assert!(reply.as_ref().expect_err("refused").reason.contains("10 to 604800 seconds"));
     assert_eq!(stage.cluster.status(stage.now).rest.rules, rules);
+    stage.draw(&[0, 1], 20_000);
+    pass(&mut stage, 60 * 1_000_000);
+    assert!(is_dark(&stage));
     stage.request(Request::SetRest(RestRules::default()));
+    stage.wait(0);
+    assert!(!is_dark(&stage), "a paused wall draws a frame for it");
+    stage.draw(&[0, 1], 20_000);
     pass(&mut stage, 600 * MINUTE_US);
     assert!(!is_dark(&stage));
 }
@@ -90,4 +96,12 @@ fn displays_are_dark_outside_hours_but_for_those_who_work() {
     assert!(is_dark(&stage));
     tell(&mut stage, 540);
     assert!(!is_dark(&stage), "it opens");
+    tell(&mut stage, 1080);
+    assert!(is_dark(&stage));
+    for rules in [RestRules::default(), RestRules { idle_s: None, hours }] {
+        stage.request(Request::SetRest(rules));
+        stage.wait(0);
+        stage.draw(&[0, 1], 20_000);
+        assert!(!is_dark(&stage), "the minute is not known any more");
+    }
 }
