@@ -106,6 +106,12 @@ impl<E: Entry> EntryStore<E> for StoreFile {
             let (noun, bytes) = (E::NOUN, bytes.len());
             return Err(format!("the {noun} takes {bytes} bytes; at most {ENTRY_BYTES_MAX} do"));
         }
+        // Values may take more room in memory than in the file: one that could not be read again
+        // is not kept, and does not replace the old one.
+        polyptych_codec::decode_within::<E, ENTRY_BYTES_MAX>(&bytes[..]).map_err(|error| {
+            let noun = E::NOUN;
+            format!("the {noun} could not be read again ({error}); the old one is kept")
+        })?;
         self.with(|file| {
             let change = file.begin_write()?;
             {
@@ -200,6 +206,7 @@ mod tests {
     use polyptych_files::blob::BlobHash;
     use polyptych_protocol::state_log::SceneRef;
     use polyptych_scene::{Edit, NodeId, SceneEdits};
+    use serde::Deserialize;
 
     use super::*;
     use crate::stored_scene::StoredScene;
@@ -241,6 +248,36 @@ mod tests {
                 store.save(name, &stored("town", 0)).expect_err("no name").contains("64 bytes")
             );
         }
+    }
+
+    /// An entry of small numbers, each of which takes eight times its bytes in memory.
+    #[derive(Debug, Serialize, Deserialize)]
+    struct Numbers(Vec<u64>);
+
+    impl Entry for Numbers {
+        type Summary = u64;
+        const TABLE: &'static str = "numbers.1";
+        const NOUN: &'static str = "list";
+
+        fn name_fault(_: &str) -> Option<String> {
+            None
+        }
+
+        fn summary(&self, _: &str) -> u64 {
+            self.0.len() as u64
+        }
+    }
+
+    #[test]
+    fn keeps_the_old_entry_if_the_new_one_could_not_be_read_again() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = StoreFile::new(folder.path().join("wall.scenes"));
+        let store: &dyn EntryStore<Numbers> = &file;
+        store.save("a", &Numbers(vec![7])).expect("saved");
+        let wide = Numbers(vec![7; ENTRY_BYTES_MAX / 8 + 1]);
+        let error = store.save("a", &wide).expect_err("too much memory");
+        assert!(error.contains("the list could not be read again"), "{error}");
+        assert_eq!(store.load("a").expect("the old one").0, [7]);
     }
 
     #[test]
