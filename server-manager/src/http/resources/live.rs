@@ -271,7 +271,11 @@ async fn try_moves(client: &mut HttpClient, moves: Moves) -> Result<Value, Refus
         }
     }
     if let Some(pointer) = pointer {
-        value["pointer"] = json!(pick::find(client, &pointer).await?);
+        match pick::find(client, &pointer).await {
+            Ok(hit) => value["pointer"] = json!(hit),
+            // The frame that was drawn before is told all the same.
+            Err(refusal) => value["error"] = json!(refusal.reason),
+        }
     }
     Ok(value)
 }
