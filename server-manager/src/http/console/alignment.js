@@ -10,6 +10,8 @@ import { add, byId, on, state } from "./state.js";
 const PICTURE_PERIOD_MS = 1500;
 const PICTURE_WIDTH = 960;
 const UNDO_MAX = 200;
+/** Time between two looks whether all changes were sent, in milliseconds. */
+const SEND_LOOK_MS = 20;
 
 /** The channel as it is being changed; null while none is. */
 let channel = null;
@@ -29,22 +31,26 @@ const path = () => `/api/v1/channels/${encodeURIComponent(channel.name)}`;
 async function send() {
   if (isSending) return;
   isSending = true;
-  while (channel && waiting.size) {
-    const changes = [...waiting.values()];
-    waiting = new Map();
-    const done = await act("POST", `${path()}/calibration`, { changes });
-    // A picture that would be folded is refused: it stays as it was.
-    if (done === undefined) await readAgain();
-    loadPicture();
+  try {
+    while (channel && waiting.size) {
+      const changes = [...waiting.values()];
+      waiting = new Map();
+      const done = await act("POST", `${path()}/calibration`, { changes });
+      // A picture that would be folded is refused: it stays as it was.
+      if (done === undefined) await readAgain();
+      loadPicture();
+    }
+  } finally {
+    isSending = false;
   }
-  isSending = false;
 }
 
 async function readAgain() {
   const wall = await read("/api/v1/wall");
-  if (!wall || !channel) return;
+  const found = wall?.channels.find(({ name }) => name === channel?.name);
+  if (!found) return;
   state.wall = wall;
-  channel = structuredClone(wall.channels.find(({ name }) => name === channel.name));
+  channel = structuredClone(found);
   placeHandles();
 }
 
@@ -177,6 +183,8 @@ async function begin() {
 }
 
 async function end() {
+  // The last place of a point may still wait for the one before.
+  while (isSending) await new Promise((done) => setTimeout(done, SEND_LOOK_MS));
   if (!channel) return;
   channel = null;
   byId("align").hidden = true;
