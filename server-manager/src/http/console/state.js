@@ -25,5 +25,5 @@ export function add(parent, tag, properties = {}) {
 
 export const on = (id, name, work) => byId(id).addEventListener(name, work);
 
-/** Returns whether a control may be written: nobody is at it. */
-export const isFree = (id) => document.activeElement !== byId(id);
+/** Returns whether a control, or a form, may be written: the focus is not in it. */
+export const isFree = (id) => !byId(id).contains(document.activeElement);

@@ -75,8 +75,10 @@ export function showViews() {
         setViews(state.status.presentation.views.filter((_, other) => other !== at)));
     });
   }
+  // All of the form: who has typed an axis goes on to the next one.
+  if (!isFree("head-form")) return;
   ["x", "y", "z"].forEach((axis, i) => {
-    if (isFree(`head-${axis}`)) byId(`head-${axis}`).value = Number(head.position[i].toFixed(3));
+    byId(`head-${axis}`).value = Number(head.position[i].toFixed(3));
   });
 }
 
