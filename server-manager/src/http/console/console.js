@@ -20,6 +20,9 @@ function show() {
   if (!state.aim) state.camera = state.status.presentation.camera;
 }
 
+/** Time after which a page that was refused events asks for them again, in milliseconds. */
+const LISTEN_PERIOD_MS = 2000;
+
 function listen() {
   const events = new EventSource("/api/v1/events");
   events.addEventListener("status", (event) => {
@@ -31,7 +34,14 @@ function listen() {
     plot();
   });
   events.addEventListener("log", (event) => log(JSON.parse(event.data).text));
-  events.onerror = showHealth;
+  events.onerror = async () => {
+    showHealth();
+    // A browser tries again by itself where nothing answers, but not after a refusal.
+    if (events.readyState !== EventSource.CLOSED) return;
+    const answer = await fetch("/api/v1/status").catch(() => null);
+    if (answer?.status === 401) byId("login").hidden = false;
+    setTimeout(listen, LISTEN_PERIOD_MS);
+  };
 }
 
 async function start() {

@@ -20,7 +20,11 @@ export async function ask(method, path, body, isShown = true) {
     options.body = JSON.stringify(body);
     options.headers["Content-Type"] = "application/json";
   }
-  const answer = await fetch(path, options);
+  const answer = await fetch(path, options).catch(() => {
+    const reason = "the manager does not answer; whether this was done is unknown";
+    log(`${method} ${path}: ${reason}`, true);
+    throw new Error(reason);
+  });
   if (answer.status === 401) byId("login").hidden = false;
   const value = await answer.json();
   if (!answer.ok) {
