@@ -61,7 +61,7 @@ pub struct ConnectOptions {
     pub name: String,
     /// The time limits of requests.
     pub timeouts: Timeouts,
-    /// Most bytes that the pictures of one capture may take; [`CAPTURE_BYTES_MAX`] by default.
+    /// Maximum bytes that the pictures of one capture may take; [`CAPTURE_BYTES_MAX`] by default.
     pub capture_bytes_max: usize,
     /// The policy when the connection ends. By default the client reconnects indefinitely: requests
     /// that were open fail once, later ones wait a little, and feedback goes on. `None` ends the

@@ -416,7 +416,7 @@ impl Shared {
         None
     }
 
-    /// Most bytes that the pictures of a capture may take.
+    /// Maximum bytes that the pictures of a capture may take.
     pub fn capture_bytes_max(&self) -> usize {
         self.options.capture_bytes_max
     }

@@ -1,4 +1,4 @@
-//! What displays show beside the scene: the point that is aligned, and when they are dark.
+//! Display settings beside the scene: the point that is aligned, and the hours of rest.
 
 use polyptych_protocol::calibration_marker::CalibrationMarker;
 use polyptych_protocol::request::Request;

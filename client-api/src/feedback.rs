@@ -9,8 +9,8 @@ use tokio::sync::broadcast::error::RecvError;
 
 use crate::connection_handle::{ConnectionHandle, TaggedFeedback};
 
-/// Most feedbacks that wait for a slow reader: four seconds at 60 frames per second. Beyond it the
-/// oldest are dropped and counted; the connection never waits.
+/// Maximum number of feedbacks that wait for a slow reader: four seconds at 60 frames per second.
+/// Beyond it the oldest are dropped and counted; the connection never waits.
 pub const FEEDBACK_QUEUE_MAX: usize = 256;
 
 /// The feedback of every frame from the subscription on; see [`crate::Client::feedback`].

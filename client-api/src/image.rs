@@ -10,11 +10,11 @@ use tokio::sync::mpsc;
 
 use crate::error::ClientError;
 
-/// Most bytes that the pictures of one capture take by default: a stitched screen of 16,384 ×
+/// Maximum bytes that the pictures of one capture take by default: a stitched screen of 16,384 ×
 /// 16,384 pixels and the same pixels once more as channels.
 pub const CAPTURE_BYTES_MAX: usize = 2 << 30;
 
-/// Most pictures of one capture: each screen and each channel.
+/// Maximum number of pictures of one capture: each screen and each channel.
 const PICTURES_MAX: usize = SCREENS_MAX + CHANNELS_MAX;
 
 /// One frame, as all channels showed it.

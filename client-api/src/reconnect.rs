@@ -13,7 +13,7 @@ use crate::error::ClientError;
 /// Pause before the first attempt: a manager that is restarted finds its clients at once.
 const RETRY_FIRST: Duration = Duration::from_millis(50);
 
-/// Longest pause: what an application loses at most, once its manager is there again.
+/// Maximum pause: what an application loses at most, once its manager is there again.
 const RETRY_LONGEST: Duration = Duration::from_secs(2);
 
 /// The policy for a connection that has ended; see [`crate::ConnectOptions::reconnect`].

@@ -30,20 +30,20 @@ pub(crate) trait Entry: Serialize + DeserializeOwned + Send + 'static {
     /// Returns what is wrong with a name, if anything.
     fn name_fault(name: &str) -> Option<String>;
 
-    /// The line of the list under this name.
+    /// Returns the line of the list under this name.
     fn summary(&self, name: &str) -> Self::Summary;
 }
 
-/// Entries of a kind by name. What it says to be done is done, whatever happens to the manager
-/// afterwards; at any moment there is the old entry or the new one.
+/// A store of entries of a kind by name. A call that returned `Ok` is on the disk, whatever happens
+/// to the manager afterwards; at any moment there is the old entry or the new one.
 pub(crate) trait EntryStore<E: Entry>: Send + Sync {
     /// Keeps an entry in the place of what had its name.
     ///
     /// # Errors
-    /// Why it is not kept; the old one is as it was.
+    /// The reason why it is not kept; the old one is as it was.
     fn save(&self, name: &str, entry: &E) -> Result<(), String>;
 
-    /// The entry of a name.
+    /// Returns the entry of a name.
     ///
     /// # Errors
     /// There is none, with those that there are; or it cannot be read.
@@ -55,15 +55,15 @@ pub(crate) trait EntryStore<E: Entry>: Send + Sync {
     /// Those of [`EntryStore::load`].
     fn remove(&self, name: &str) -> Result<(), String>;
 
-    /// The lines of all that there are, by name.
+    /// Returns the lines of all entries, by name.
     ///
     /// # Errors
     /// They cannot be read.
     fn list(&self) -> Result<Vec<E::Summary>, String>;
 }
 
-/// A file of this machine. It is opened for each call, so that it is nobody's while nothing is
-/// asked of it.
+/// A store in a file of this machine. It is opened for each call, so that between calls no process
+/// holds it.
 #[derive(Debug)]
 pub(crate) struct StoreFile {
     path: PathBuf,

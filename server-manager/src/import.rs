@@ -21,14 +21,14 @@ use tokio::process::Command;
 
 use polyptych_core::{EditedScene, ImportedScene};
 
-/// Longest bake; a scene of ten gigabytes takes a few minutes.
+/// Maximum time of a bake; a scene of ten gigabytes takes a few minutes.
 const BAKE_TIME_MAX: Duration = Duration::from_mins(30);
 
 /// Maximum time between two reports of a bake's progress: who waits can tell a long step from a
 /// manager that hangs.
 const SILENCE_MAX: Duration = Duration::from_secs(5);
 
-/// Most of a baker's output that is read: a line, or its reason for failing.
+/// Maximum bytes of a baker's output that are read: a line, or its reason for failing.
 const BAKE_OUTPUT_BYTES_MAX: u64 = 64 << 10;
 
 /// The baker, as the manager starts it.
@@ -52,7 +52,7 @@ pub(crate) struct Import {
 /// `..` are resolved.
 ///
 /// # Errors
-/// Why there is no such file.
+/// The reason why there is no such file.
 pub fn resolve(path: &str, roots: &[PathBuf]) -> Result<PathBuf, String> {
     let asked = Path::new(path);
     let candidates: Vec<PathBuf> = if asked.is_absolute() {

@@ -26,7 +26,7 @@ pub(crate) use reconcile::{Reconciled, reconcile};
 /// A wall fits into a message, tuned or not.
 const MEMORY_BYTES_MAX: u64 = 2 * MESSAGE_BYTES_MAX as u64;
 
-/// How the file begins: one that begins otherwise is another program's, and is not written over.
+/// The first bytes of a file of this version.
 const MAGIC: [u8; 8] = *b"PLYPSTA5";
 
 /// The first bytes of files of all versions: a file that begins otherwise is another program's, and
@@ -101,7 +101,7 @@ pub(crate) fn load(path: &Path) -> Option<Saved> {
 /// The content of these bytes of a state file.
 ///
 /// # Errors
-/// Why they are of no use.
+/// The reason why they are of no use.
 fn decode(bytes: &[u8]) -> Result<Saved, String> {
     let is_other = bytes.starts_with(&MAGIC_OF_ALL) && bytes.len() >= MAGIC.len();
     let whole = bytes.strip_prefix(&MAGIC).and_then(|bytes| bytes.split_at_checked(32));

@@ -1,4 +1,4 @@
-//! What displays show beside the scene, for those who wait.
+//! Display settings beside the scene, for programs without tokio.
 
 use polyptych_protocol::calibration_marker::CalibrationMarker;
 use polyptych_protocol::screen_rest::RestRules;

@@ -1,4 +1,4 @@
-//! Sessions, for those who wait.
+//! Sessions, for programs without tokio.
 
 use polyptych_protocol::saved_session::{OpenedSession, SavedSession};
 

@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 use super::change_queue::ChangeOrigin;
 use super::{ClientRequest, Cluster, Micros, SessionId, StateChange};
 
-/// Most tunings of one client that wait for their frame: a slider's, 50 a second, of a wall that
-/// stands still for five seconds.
+/// Maximum number of tunings of one client that wait for their frame: a slider's, 50 a second, of a
+/// wall that stands still for five seconds.
 pub(super) const TUNERS_MAX: usize = 256;
 
 /// One who waits until a tuning is seen.

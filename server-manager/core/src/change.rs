@@ -22,10 +22,10 @@ use super::{
 /// After this the wall goes on without its channels until they are ready.
 const PREPARE_TIME_MAX: Micros = 120_000_000;
 
-/// Most changes that wait for their turn.
+/// Maximum number of changes that wait for their turn.
 pub(super) const CHANGES_MAX: usize = 64;
 
-/// Why a server is given the shown state anew.
+/// The reason for which a server is given the shown state anew.
 pub(super) const HOLDS_REFUSED: &str = "it has prepared a change that was refused";
 
 impl Cluster {
@@ -47,7 +47,7 @@ impl Cluster {
         }
     }
 
-    /// What was read or baked for a client has come, or will not.
+    /// Forgets what was read or baked for a client: it has come, or will not.
     pub(super) fn end_import(&mut self, job: ClientRequest) {
         // One of them, where a client gives several the same number.
         if let Some(at) = self.imports.iter().position(|of| of.job == job) {

@@ -16,8 +16,8 @@ use super::change::CHANGES_MAX;
 use super::scene_editing::EditWaiter;
 use super::{ClientRequest, ImportedScene, ImportedSession, Micros, SessionId, progress};
 
-/// Most edits that different transactions bring to one change: together they must fit into a
-/// message, and an edit takes at most 1.4 KiB.
+/// Maximum number of edits that different transactions bring to one change: together they must fit
+/// into a message, and an edit takes at most 1.4 KiB.
 const MERGED_EDITS_MAX: usize = 1000;
 
 /// A change that was asked for.
@@ -28,7 +28,7 @@ pub(super) struct StateChange {
     pub purpose: ChangeOrigin,
 }
 
-/// Who waits for a change, and for what.
+/// The origin of a change: the requests that wait for it, and what they need.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) enum ChangeOrigin {
     /// Another scene, or none.
@@ -39,7 +39,7 @@ pub(super) enum ChangeOrigin {
         outline: Option<Arc<SceneOutline>>,
         /// The number that its next node gets at least.
         next_node: u64,
-        /// What is shown with it, if it is that of a session.
+        /// The session that is shown with it, if it is the scene of one.
         session: Option<Box<ImportedSession>>,
     },
     /// An edit of the open scene.
@@ -51,7 +51,7 @@ pub(super) enum ChangeOrigin {
 }
 
 impl StateChange {
-    /// No scene, for a client that asks for that.
+    /// Returns the change to no scene, for a client that asks for it.
     pub fn closing(job: ClientRequest) -> Self {
         let operations = vec![Operation::CloseScene];
         let (summary, outline, session) = (None, None, None);
@@ -59,7 +59,7 @@ impl StateChange {
         Self { operations, purpose }
     }
 
-    /// A scene, for a client that opens it.
+    /// Returns the change to a scene, for a client that opens it.
     pub fn opening(job: ClientRequest, imported: ImportedScene) -> Self {
         let ImportedScene { scene, summary, outline, edits, next_node } = imported;
         let mut operations = vec![Operation::OpenScene(scene)];
@@ -79,7 +79,7 @@ impl StateChange {
         }
     }
 
-    /// Who opens a scene by it, and the scene's name.
+    /// Returns the request that opens a scene by it, and the scene's name.
     pub fn opened(&self) -> Option<(ClientRequest, String)> {
         match &self.purpose {
             ChangeOrigin::Scene { job, summary: Some(summary), .. } => {
@@ -216,7 +216,7 @@ impl ChangeQueue {
         self.queue.iter().chain(self.current()).filter_map(StateChange::wall)
     }
 
-    /// Who waits for a tuning.
+    /// Returns the requests that wait for a tuning.
     pub fn tuners(&self) -> impl Iterator<Item = &CalibrationWaiter> {
         self.queue.iter().chain(self.current()).flat_map(StateChange::tuners)
     }
@@ -281,7 +281,7 @@ impl ChangeQueue {
         changes.into_iter().any(|change| matches!(change.purpose, ChangeOrigin::Scene { .. }))
     }
 
-    /// Who waits for an edit that is not in the shown state yet.
+    /// Returns the requests that wait for an edit that is not in the shown state yet.
     pub fn editors(&self) -> impl Iterator<Item = &EditWaiter> {
         self.queued().chain(self.current()).flat_map(|change| match &change.purpose {
             ChangeOrigin::Edit { waiters } => &waiters[..],

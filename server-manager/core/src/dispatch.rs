@@ -14,10 +14,10 @@ use super::{
     OutputChange, SessionId, StateChange, progress,
 };
 
-/// Slowest and fastest rate that a client may ask for, in frames per second.
+/// The range of rates that a client may ask for, in frames per second.
 const RATES: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
 
-/// Most scenes of one client that are looked for and baked at a time.
+/// Maximum number of scenes of one client that are looked for and baked at a time.
 const IMPORTS_MAX: usize = 16;
 
 /// Maximum number of scenes of all clients that are looked for and baked at a time, including those

@@ -95,9 +95,9 @@ pub enum Input {
     },
     /// [`Cluster::handle_session`].
     Session {
-        /// Who asked.
+        /// The request that opens it.
         job: ClientRequest,
-        /// What came of reading it.
+        /// The session as it was read, or why it could not be.
         session: Result<Box<ImportedSession>, String>,
     },
 }

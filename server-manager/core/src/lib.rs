@@ -116,7 +116,7 @@ pub enum Effect {
     },
     /// Bake this scene and come back with [`Input::Import`].
     Import {
-        /// Who asked; names the import.
+        /// The request that asks for it; names the import.
         job: ClientRequest,
         /// The path of the scene's file, as the client gave it.
         path: String,
@@ -125,14 +125,14 @@ pub enum Effect {
     },
     /// Read this session and come back with [`Input::Session`].
     OpenSession {
-        /// Who asked; names the import.
+        /// The request that asks for it; names the import.
         job: ClientRequest,
         /// As the client gave it, looked at.
         name: String,
     },
     /// Collect the pictures of a frame from these channels, stitch them and answer the client.
     Collect {
-        /// Who asked.
+        /// The request that asks for it.
         job: ClientRequest,
         /// The frame.
         frame: FrameId,

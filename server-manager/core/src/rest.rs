@@ -23,11 +23,11 @@ const AWAKE_TIME: Micros = 600_000_000;
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Rest {
     rules: RestRules,
-    /// The minute of the day, as far as it is known.
+    /// The minute of the day; `None` until the core was told it.
     minute: Option<u16>,
-    /// When the wall was used last, since hours or rules changed.
+    /// The time of the last use since hours or rules changed, if there was one.
     used_at: Option<Micros>,
-    /// When the time without use began to count.
+    /// The time from which the time without use counts.
     since: Micros,
     is_resting: bool,
 }
@@ -38,7 +38,7 @@ impl Rest {
         hours.is_some_and(|(hours, minute)| !hours.contains(minute))
     }
 
-    /// When displays go dark unless the wall is used, if ever.
+    /// Returns the time at which displays go dark unless the wall is used, if ever.
     fn dark_at(&self) -> Option<Micros> {
         let idle = self.rules.idle_s.map(|idle_s| self.since + (idle_s * 1e6) as Micros);
         let outside = || self.used_at.map_or(0, |at| at + AWAKE_TIME);
@@ -50,7 +50,7 @@ impl Rest {
         self.dark_at().filter(|_| !self.is_resting)
     }
 
-    /// Takes the time; returns whether displays go dark or are lit again.
+    /// Moves on to this time. Returns whether displays go dark or are lit again.
     fn update(&mut self, now: Micros) -> bool {
         let is_resting = self.dark_at().is_some_and(|at| now >= at);
         std::mem::replace(&mut self.is_resting, is_resting) != is_resting
@@ -71,7 +71,7 @@ impl Rest {
         RestStatus { rules: self.rules, is_resting: self.is_resting }
     }
 
-    /// The mode that frames carry instead of the wall's own.
+    /// Returns the mode that frames carry instead of the wall's own.
     pub fn output_mode(&self, own: OutputMode) -> OutputMode {
         if self.is_resting { OutputMode::Blank } else { own }
     }
@@ -129,7 +129,7 @@ impl Cluster {
         self.rest.rules.hours.is_some()
     }
 
-    /// It is this minute of the day.
+    /// Takes the minute of the day, from 0 at midnight.
     pub(crate) fn handle_minute(&mut self, now: Micros, minute: u16) {
         let was_outside = self.rest.is_outside_hours();
         self.rest.minute = Some(minute);
@@ -149,14 +149,14 @@ impl Cluster {
         }
     }
 
-    /// The wall is used: displays that are dark by themselves are lit.
+    /// Counts a use of the wall: displays that are dark by themselves are lit.
     pub(super) fn note_use(&mut self, now: Micros) {
         self.rest.used_at = Some(now);
         self.rest.since = now;
         self.update_rest(now);
     }
 
-    /// When displays go dark, if nothing happens before.
+    /// Returns the time at which displays go dark if nothing happens before; `None` if never.
     pub(super) fn next_rest(&self) -> Option<Micros> {
         self.rest.next_change()
     }

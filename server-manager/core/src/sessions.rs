@@ -37,7 +37,7 @@ impl Cluster {
         }
     }
 
-    /// A client opens a session, which is read beside the core.
+    /// Begins to open a session for a client; it is read beside the core.
     ///
     /// # Errors
     /// The name cannot be one, or too much is being opened already.
@@ -54,7 +54,7 @@ impl Cluster {
         Ok(None)
     }
 
-    /// A session was read, or could not be.
+    /// Handles a session that was read, or could not be.
     pub(crate) fn handle_session(
         &mut self,
         now: Micros,
@@ -82,7 +82,7 @@ impl Cluster {
         self.request_change(now, change);
     }
 
-    /// The state that frames name has the scene of a session: presents the rest of it.
+    /// Presents the rest of a session, once frames name the state that has its scene.
     pub(super) fn show_session(
         &mut self,
         now: Micros,

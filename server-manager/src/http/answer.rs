@@ -77,12 +77,12 @@ impl hyper::body::Body for Body {
     }
 }
 
-/// Why a request is not answered as it was meant.
+/// The refusal of a request: a status and a reason in words.
 #[derive(Debug)]
 pub(super) struct Refusal {
     pub status: StatusCode,
     pub reason: String,
-    /// Methods that there are instead, for 405.
+    /// The methods that there are instead, for 405.
     pub allow: Option<String>,
 }
 
@@ -91,18 +91,18 @@ impl Refusal {
         Self { status, reason: reason.into(), allow: None }
     }
 
-    /// The request has the wrong form.
+    /// Returns the refusal of a request that has the wrong form: 400.
     pub fn malformed(reason: impl Into<String>) -> Self {
         Self::new(StatusCode::BAD_REQUEST, reason)
     }
 
-    /// The manager ended after it was sent the request.
+    /// Returns the refusal after the manager ended with the request on its way: 504.
     pub fn outcome_unknown(self) -> Self {
         let reason = format!("{}; whether the request was done is unknown", self.reason);
         Self::new(StatusCode::GATEWAY_TIMEOUT, reason)
     }
 
-    /// The manager has no room for it now, or ends: nothing was done.
+    /// Returns the refusal where the manager has no room now, or ends: 503, nothing was done.
     pub fn unavailable(reason: impl Into<String>) -> Self {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, reason)
     }
@@ -111,7 +111,7 @@ impl Refusal {
         Self::new(StatusCode::NOT_FOUND, reason)
     }
 
-    /// The answer that says so: `{"error": "…"}`.
+    /// Returns the answer with the reason: `{"error": "…"}`.
     pub fn into_answer(self) -> Response<Body> {
         let mut answer = json(self.status, &serde_json::json!({ "error": self.reason }));
         let headers = answer.headers_mut();

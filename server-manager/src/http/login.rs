@@ -92,7 +92,7 @@ impl Logins {
     /// Gives a code to who has proven to know the token; each challenge is answered once.
     ///
     /// # Errors
-    /// Why there is none.
+    /// The reason why there is none.
     pub fn code(&mut self, token: &str, manager: &str, shown: &str) -> Result<String, String> {
         let found = self.challenges.iter().position(|(_, of, _)| of == manager);
         let challenge = found.map(|index| self.challenges.remove(index));

@@ -183,7 +183,7 @@ fn fits<'a>(pattern: &str, part: &'a str, names: &mut Vec<&'a str>) -> bool {
 /// Answers a request for a route.
 ///
 /// # Errors
-/// Why it is not done.
+/// The refusal, with its reason.
 pub(super) async fn answer(
     connection: &Connection,
     found: Found,

@@ -26,7 +26,7 @@ const fn fault(code: u16, reason: &'static str) -> Fault {
     Fault { code, reason }
 }
 
-/// The end as the server wants it: it goes away, or the peer was silent.
+/// The code of a close frame where the server goes away, or the peer was silent (§ 7.4.1).
 pub(super) const GOING_AWAY: u16 = 1001;
 
 /// A message of the peer.
@@ -39,7 +39,7 @@ pub(super) enum Message {
     Close(Option<u16>),
 }
 
-/// Takes the bytes of a peer, and gives its messages.
+/// Decodes the bytes of a peer into its messages.
 #[derive(Debug, Default)]
 pub(super) struct Decoder {
     bytes: BytesMut,
@@ -51,7 +51,7 @@ struct Head {
     is_last: bool,
     opcode: u8,
     mask: [u8; 4],
-    /// Of the head itself, and of the payload behind it.
+    /// The bytes of the head itself, and of the payload behind it.
     lengths: [usize; 2],
 }
 
@@ -83,7 +83,7 @@ impl Decoder {
         }
     }
 
-    /// The head of the next frame, once all of it is there.
+    /// Returns the head of the next frame; `None` until all of it is there.
     fn head(&self) -> Result<Option<Head>, Fault> {
         let [first, second, rest @ ..] = &self.bytes[..] else { return Ok(None) };
         let (is_last, opcode) = (first & 0x80 != 0, first & 0x0f);
@@ -172,22 +172,22 @@ fn control(opcode: u8, payload: Bytes) -> Result<Message, Fault> {
     }
 }
 
-/// A text as a frame.
+/// Returns a text as a frame.
 pub(super) fn text(text: &str) -> Bytes {
     frame(1, text.as_bytes())
 }
 
-/// A question whether the peer is there.
+/// Returns the frame that asks whether the peer is there.
 pub(super) fn ping() -> Bytes {
     frame(9, b"")
 }
 
-/// The answer to a ping, with its payload.
+/// Returns the answer to a ping, with its payload.
 pub(super) fn pong(payload: &[u8]) -> Bytes {
     frame(10, payload)
 }
 
-/// The end, with its code and a reason of at most 123 bytes.
+/// Returns the close frame, with its code and a reason that is cut to 123 bytes.
 pub(super) fn close(code: u16, reason: &str) -> Bytes {
     let end = reason.floor_char_boundary(CONTROL_BYTES_MAX - 2);
     frame(8, &[&code.to_be_bytes(), &reason.as_bytes()[..end]].concat())

@@ -38,7 +38,7 @@ impl EventLoop {
         }
     }
 
-    /// When the clock is looked at next, if it is.
+    /// Returns the time of the next look at the clock; `None` without hours.
     pub(super) fn next_look(&self) -> Option<Instant> {
         let looked_at = self.day_clock.looked_at.filter(|_| self.cluster.has_hours());
         looked_at.map(|at| at + LOOK_PERIOD)

@@ -17,13 +17,13 @@ use super::saving::{NO_STORE, Stores};
 use crate::import::{self, Baker, Import};
 use crate::{assets, environment};
 
-/// Most requests of one client whose files are being baked.
+/// Maximum number of requests of one client whose files are being baked.
 const ASSET_BAKES_MAX: usize = 16;
 
 /// A request that waits for a bake, and the progress of that bake.
 pub(super) type Baking = (ClientRequest, OpenProgress);
 
-/// A scene that was saved.
+/// Reads a scene that was saved.
 async fn open_saved(stores: Option<Stores>, name: String, baker: &Baker) -> Result<Import, String> {
     let stores = stores.ok_or(NO_STORE)?;
     let folder = BlobStore::new(baker.store.join("blobs"));
@@ -59,10 +59,10 @@ pub(super) struct Imported {
     result: Imports,
 }
 
-/// What it was of, and what came of it.
+/// The outcome of a bake, by its subject.
 enum Imports {
     Scene(Box<Result<Import, String>>),
-    /// Of a session, with the blobs that servers may now ask for.
+    /// A session, with the blobs that servers may now ask for.
     Session(Result<(Box<ImportedSession>, Vec<BlobHash>), String>),
 }
 

@@ -22,7 +22,7 @@ use crate::scene_index::SceneIndex;
 use crate::triangle_cache::TriangleCache;
 use crate::walk::walk;
 
-/// Most questions of one client that are being answered.
+/// Maximum number of questions of one client that are being answered.
 const QUERIES_MAX: usize = 16;
 
 /// Questions that are answered at a time: one core is left for everything else.
@@ -83,7 +83,7 @@ impl Answered {
     }
 }
 
-/// Who asks what of the scene.
+/// The questions of clients about the scene, and what is kept to answer them.
 pub(super) struct Queries {
     store: BlobStore,
     /// The scene that is open, as far as is known here.

@@ -20,7 +20,7 @@ use crate::stored_session::StoredSession;
 pub(super) const NO_STORE: &str = "this wall keeps no state, so it keeps neither scenes nor \
                                    sessions; start its manager with `polyptych manager`";
 
-/// What clients keep on a wall whose state is kept.
+/// The scenes and sessions that clients keep on a wall whose state is kept.
 #[derive(Clone)]
 pub(super) struct Stores {
     pub scenes: Arc<dyn EntryStore<StoredScene>>,
@@ -28,7 +28,7 @@ pub(super) struct Stores {
 }
 
 impl Stores {
-    /// The stores beside this state file.
+    /// Returns the stores beside this state file.
     pub fn beside(state_file: &Path) -> Self {
         let file = Arc::new(StoreFile::new(state_file.with_extension("scenes")));
         Self { scenes: Arc::clone(&file) as Arc<_>, sessions: file }

@@ -13,7 +13,7 @@ use tokio::time::{Instant, timeout_at};
 use super::EventLoop;
 use crate::session::{DRAIN_TIME_MAX, Event};
 
-/// Longest wait for the goodbyes of servers that were told to end: their network threads answer
+/// Maximum wait for the goodbyes of servers that were told to end: their network threads answer
 /// within milliseconds, whatever they draw.
 const STOP_TIME_MAX: Duration = Duration::from_secs(5);
 

@@ -94,8 +94,8 @@ fn archive(
     Ok(archive.finish())
 }
 
-/// The file of a picture: its name where every system takes it as one, each other character as
-/// `%` and its bytes; of a name that is too long, its number.
+/// Returns the path of a picture in the archive. Letters, digits, `-`, `_` and inner dots stay;
+/// each other byte becomes `%XX`. A name that is too long is replaced by the picture's number.
 fn file_name(folder: &str, name: &str, number: usize, ending: &str) -> String {
     let mut file = format!("{folder}/");
     for byte in name.bytes() {

@@ -57,7 +57,7 @@ const KEY: HeaderName = HeaderName::from_static("sec-websocket-key");
 const ACCEPT: HeaderName = HeaderName::from_static("sec-websocket-accept");
 const VERSION: HeaderName = HeaderName::from_static("sec-websocket-version");
 
-/// What moves.
+/// The moves of a text: camera, head and pointer, each if it is given.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Moves {
@@ -71,7 +71,7 @@ impl Moves {
         self.camera.is_none() && self.head.is_none() && self.pointer.is_none()
     }
 
-    /// Takes over what is newer.
+    /// Replaces each move that a newer text has.
     fn replace(&mut self, newer: Self) {
         self.camera = newer.camera.or(self.camera.take());
         self.head = newer.head.or(self.head.take());
@@ -82,7 +82,7 @@ impl Moves {
 /// Turns a request into a WebSocket.
 ///
 /// # Errors
-/// It is no handshake of one, another page sends it, or there is no place.
+/// The request is no handshake, another page sends it, or there is no place.
 pub(in crate::http) async fn begin(
     connection: &Connection,
     mut request: Request<Incoming>,
@@ -108,7 +108,7 @@ pub(in crate::http) async fn begin(
     Ok(answer)
 }
 
-/// The answer to the key of a handshake (RFC 6455, § 4.2.2).
+/// Returns the answer to the key of a handshake (RFC 6455, § 4.2.2).
 fn accepted(headers: &HeaderMap) -> Result<HeaderValue, Refusal> {
     const GUID: &str = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
     let text = |name: &HeaderName| headers.get(name).and_then(|of| of.to_str().ok());
@@ -153,7 +153,7 @@ struct Socket {
     place: OwnedSemaphorePermit,
 }
 
-/// Why a socket ended, as it is told to the peer; `None` where it is gone.
+/// The code and the reason of a close frame; `None` if the peer is gone.
 type End = Option<(u16, &'static str)>;
 
 impl Socket {
@@ -240,7 +240,7 @@ impl Socket {
     }
 }
 
-/// Waits for an answer, or for ever where none is on its way.
+/// Waits for an answer; indefinitely if none is on its way.
 async fn wait(answering: &mut Option<Answering>) -> (HttpClient, Value) {
     match answering {
         Some(answering) => answering.as_mut().await,
@@ -248,7 +248,7 @@ async fn wait(answering: &mut Option<Answering>) -> (HttpClient, Value) {
     }
 }
 
-/// Moves the wall, draws a frame for that, and says which.
+/// Moves the wall and draws a frame for that. Returns the text of the answer.
 async fn answer_moves(mut client: HttpClient, moves: Moves) -> (HttpClient, Value) {
     let value = match try_moves(&mut client, moves).await {
         Ok(value) => value,

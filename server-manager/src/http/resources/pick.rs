@@ -49,7 +49,7 @@ pub(in crate::http) async fn answer(
     Ok(answer::json(StatusCode::OK, &hit(cast)?))
 }
 
-/// Does the same for a client of its own.
+/// Finds what a pixel shows, asked by this client.
 ///
 /// # Errors
 /// Those of [`answer`].
@@ -67,7 +67,7 @@ fn other() -> Refusal {
     Refusal::unavailable("the manager sent another answer")
 }
 
-/// The question that a pixel is: about the wall's own picture, or about the view that lies there.
+/// Returns the ray through a pixel, of the wall's own picture or of the view that lies there.
 fn query(
     PickBody { screen, pixel }: &PickBody,
     wall: Answered,
