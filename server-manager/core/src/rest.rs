@@ -4,9 +4,10 @@
 //! lit --no use for so long--> resting --use, or other rules--> lit
 //! ```
 //!
-//! The wall's own mode stays what it is; frames of a resting wall carry black instead. Use is a
-//! request that changes what the wall shows, or a mouse over a display. Poses of a tracked head,
-//! frames of a program that only draws, and those who watch are no use.
+//! The wall's own mode stays what it is; frames of a resting wall carry black instead. Only a
+//! frozen wall is not frozen any more: black has taken the place of its picture. Use is a request
+//! that changes what the wall shows, or a mouse over a display. Poses of a tracked head, frames of
+//! a program that only draws, and those who watch are no use.
 
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::request::Request;
@@ -166,6 +167,10 @@ impl Cluster {
         if self.rest.update(now) {
             let is_resting = self.rest.is_resting;
             tracing::info!(is_resting, "displays go dark by themselves, or are lit again");
+            if is_resting && self.presentation.output_mode == OutputMode::Freeze {
+                // Frozen again afterwards, displays would keep the black that they show.
+                self.presentation.output_mode = OutputMode::Normal;
+            }
             // A wall that is paused shows it too.
             self.wants_frame = true;
         }

@@ -67,6 +67,21 @@ fn a_wall_that_is_not_used_goes_dark_and_is_lit_by_use() {
 }
 
 #[test]
+fn a_frozen_wall_is_lit_again_with_a_picture() {
+    let mut stage = ClusterFixture::new(2);
+    stage.request(Request::SetDisplays(OutputMode::Freeze));
+    stage.draw(&[0, 1], 20_000);
+    stage.request(Request::SetRest(RestRules { idle_s: Some(60.0), hours: None }));
+    pass(&mut stage, 60 * 1_000_000);
+    assert!(is_dark(&stage));
+    stage.request(Request::SetCamera(Camera::IDENTITY));
+    stage.wait(0);
+    assert!(!is_dark(&stage));
+    let (_, frame) = stage.frames.last().expect("a frame");
+    assert_eq!(frame.presentation.output_mode, OutputMode::Normal, "black is not frozen");
+}
+
+#[test]
 fn displays_are_dark_outside_hours_but_for_those_who_work() {
     let mut stage = ClusterFixture::new(2);
     let hours = Some(LitHours { from_min: 540, until_min: 1080 });
