@@ -166,8 +166,11 @@ async fn keep_alive(child: SupervisedChild, policy: RestartPolicy, stop: Cancell
     while !stop.is_cancelled() {
         let Some(end) = run_once(&child, &stop).await else { return };
         let wait = restarts.wait_after(child.begun(), Instant::now());
-        let name = &child.command.name;
-        tracing::warn!(child = name, end, "a child process ended; starting it again");
+        // Elsewhere the owner says it, with the last lines.
+        if !child.command.reports_errors {
+            let name = &child.command.name;
+            tracing::warn!(child = name, end, "a child process ended; starting it again");
+        }
         child.note(|state| {
             state.pid = None;
             state.restarts += 1;
@@ -236,7 +239,7 @@ async fn overdue(shared: &SupervisedChild) {
     }
     tokio::time::sleep(GATED_TIME_MAX).await;
     if shared.begun().is_some() {
-        std::future::pending().await
+        std::future::pending::<()>().await;
     }
 }
 

@@ -24,9 +24,10 @@ use crate::supervisor::{ChildLine, OnLine, RestartPolicy, Supervisor};
 /// Between two looks at all processes: a person sees a change at once.
 const LOOK_PERIOD: Duration = Duration::from_millis(100);
 
-/// A process that ends is back within two seconds; a host that is off is tried twice a minute.
+/// A process that ends is back within two seconds, of which a login takes up to one; a host that is
+/// off is tried twice a minute.
 const RESTARTS: RestartPolicy = RestartPolicy {
-    first: Duration::from_millis(250),
+    first: Duration::from_millis(100),
     longest: Duration::from_secs(30),
     steady: Duration::from_secs(5),
 };
@@ -89,12 +90,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             None => show.changes(&nodes, &supervisor, &poller)?,
         }
     };
-    match end {
-        End::Asked => show.event("ending", "ending all processes")?,
-        End::WallStopped => {
-            show.event("ending", "a client stopped the wall; ending all processes")?
-        }
-    }
+    let why = match end {
+        End::Asked => "ending all processes",
+        End::WallStopped => "a client stopped the wall; ending all processes",
+    };
+    show.event("ending", why)?;
     drop(supervisor);
     show.event("ended", "all processes have ended")
 }

@@ -1,6 +1,7 @@
 //! Manifests of Kubernetes: the manager behind a service, and a deployment for each server.
 
 use std::collections::BTreeMap;
+use std::fmt::Write;
 use std::path::Path;
 
 use polyptych_wall_file::LaunchOutput;
@@ -292,11 +293,12 @@ impl Manifests<'_> {
         let mut text = format!("#!/bin/sh\n{head}set -eu\n");
         if !self.has_keys() {
             let name = self.secret("");
-            text.push_str(&format!(
+            let _ = write!(
+                text,
                 "kubectl get secret {name} >/dev/null 2>&1 && exit 0\n\
                  token=$(od -An -N16 -tx1 /dev/urandom | tr -d ' \\n')\n\
                  kubectl create secret generic {name} --from-literal=token=\"$token\"\n"
-            ));
+            );
             return text;
         }
         text.push_str(
@@ -306,10 +308,10 @@ impl Manifests<'_> {
                      --dry-run=client -o yaml | kubectl apply -f -\n\
              }\n",
         );
-        text.push_str(&format!("make {} manager\n", self.secret("manager")));
+        let _ = writeln!(text, "make {} manager", self.secret("manager"));
         for name in self.plan.launch.servers.keys() {
             let secret = self.secret(&format!("server-{}", dns_label(name)));
-            text.push_str(&format!("make {secret} server-{name}\n"));
+            let _ = writeln!(text, "make {secret} server-{name}");
         }
         text
     }

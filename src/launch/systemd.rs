@@ -1,6 +1,7 @@
 //! Units of systemd: for each machine a service for each of its processes, and a target for all.
 
 use std::collections::BTreeMap;
+use std::fmt::Write;
 use std::net::SocketAddr;
 
 use polyptych_wall_file::LaunchOutput;
@@ -50,6 +51,10 @@ pub(crate) fn units(plan: &LaunchPlan) -> anyhow::Result<UnitFiles> {
                 )
             }
         };
+        if machine.has_manager && machine.host.is_some() {
+            let wall = plan.wall_there();
+            units.steps.push(format!("{place}: the wall file has to be {wall} there"));
+        }
         units.steps.push(format!("{place}: {copy}"));
         units.steps.push(format!(
             "{place}: sudo systemctl daemon-reload && sudo systemctl enable --now {target}"
@@ -165,9 +170,9 @@ impl Service<'_> {
         );
         for (name, value) in self.environment {
             let assignment = value_word(&format!("{name}={value}"));
-            text.push_str(&format!("Environment={assignment}\n"));
+            let _ = writeln!(text, "Environment={assignment}");
         }
-        text.push_str(&format!("\n[Install]\nWantedBy={target}\n"));
+        let _ = writeln!(text, "\n[Install]\nWantedBy={target}");
         text
     }
 }
