@@ -177,8 +177,8 @@ impl LaunchPlan {
         if !is_loopback && !self.may_leave_machine() {
             let what = format!(
                 "other machines reach {listen}, and without keys nothing is encrypted; write \
-                 keys = \"/FOLDER\" under [launch] (polyptych keys makes them), or insecure = true on \
-                 a network that you trust"
+                 keys = \"/FOLDER\" under [launch] (polyptych keys makes them), or insecure = true \
+                 on a network that you trust"
             );
             return Err(self.fault("network.listen", what));
         }

@@ -85,7 +85,8 @@ mod tests {
             "kind": "List", "none": [], "on": true,
         });
         let expected = "empty: {}\nitems:\n  - name: \"a: b\"\n    port: 80\n  - - \"x\"\n\
-                        \x20   - []\n  - \"no\\n\\\"x\\\"\"\nkind: \"List\"\nnone: []\n\"on\": true\n";
+                        \x20   - []\n  - \"no\\n\\\"x\\\"\"\nkind: \"List\"\n\
+                        none: []\n\"on\": true\n";
         assert_eq!(to_yaml(&value), expected);
         assert_eq!(to_yaml(&json!("x")), "\"x\"\n");
     }

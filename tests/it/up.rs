@@ -224,15 +224,18 @@ fn sshd_starts_ends_and_brings_back_servers() {
     up.await_line(&["the manager and 2 servers are live"]);
     let client = client(&place, &address);
     let pids = [0, 1].map(|channel| server_pid(&client, channel).expect("it is there"));
-    // One that stands still when its command is killed ends all the same.
-    signals::send(pids[0], Signal::STOP);
     up.kill();
     await_end(&pids);
     let mut up = place.start("up", ["up", "wall.toml"]);
     up.await_line(&["the manager and 2 servers are live"]);
+    let pids = [0, 1].map(|channel| server_pid(&self::client(&place, &address), channel));
+    let pids = pids.map(|pid| pid.expect("it is there"));
+    // One that stands still ends with its connection; and no further login is needed for that.
+    signals::send(pids[0], Signal::STOP);
     sshd.kill();
     up.signal(Signal::INT);
     up.finish(wait::SOON).succeeded();
+    await_end(&pids);
     let mut options = ConnectOptions::new(address.as_str());
     options.token_file = Some(place.token_file());
     assert!(Client::connect_with(options).is_err(), "the manager has ended too");

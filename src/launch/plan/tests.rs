@@ -76,10 +76,7 @@ fn arguments_that_the_command_refuses_are_refused_before_anything_starts() {
     for (lines, parts) in [
         ("[launch]\nmanager_arguments = [\"--htpp\"]\n", ["launch.manager_arguments", "--htpp"]),
         ("[launch]\nserver_arguments = [\"x\"]\n", ["server_arguments", "'x'"]),
-        (
-            "[server.b]\narguments = [\"--monitor\", \"x\"]\n",
-            ["server.b.arguments", "--fullscreen"],
-        ),
+        ("[server.b]\narguments = [\"--present-delay\", \"5s\"]\n", ["server.b.arguments", "5s"]),
     ] {
         let error = plan(lines).expect_err(lines).to_string();
         assert!(error.contains("w.toml: "), "{error}");
