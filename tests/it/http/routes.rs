@@ -58,6 +58,7 @@ fn check_wall(page: &Page) {
     assert_eq!(client.status().expect("a status").frame.0, frame["frame"]);
     assert_eq!(page.route("GET", "/statistics", &[], None).value()["frames"], 1);
     page.route("POST", "/statistics/reset", &[], None).value();
+    assert_eq!(page.route("GET", "/devices", &[], None).value(), json!([]));
     assert_eq!(page.route("GET", "/statistics", &[], None).value()["frames"], 0);
     page.route("PUT", "/pace", &[], Some(json!({ "rate": 1000.0, "is_free": true })))
         .refused(400, "not both");
@@ -195,6 +196,12 @@ fn check_camera(page: &Page) {
     ] {
         page.ask("PUT", "/camera", Some(&body)).refused(code, part);
     }
+    let flight = json!({ "offset_m": [0.0, 0.0, -0.5], "turn_rad": [0.0, 0.0] });
+    page.route("POST", "/camera/fly", &[], Some(flight)).value();
+    let flown = client.status().expect("a status").presentation.camera;
+    assert_eq!(flown.position, DVec3::new(1.0, 2.0, 2.0), "two world units are a metre");
+    let far = json!({ "offset_m": [1e300, 0.0, 0.0], "turn_rad": [0.0, 0.0] });
+    page.ask("POST", "/camera/fly", Some(&far)).refused(422, "leads too far");
     let head = json!({ "position": [0.1, 0.0, 0.0], "rotation": null, "eye_separation_m": null });
     page.route("PUT", "/head", &[], Some(head)).value();
     assert_eq!(page.route("GET", "/head", &[], None).value()["position"], json!([0.1, 0.0, 0.0]));
