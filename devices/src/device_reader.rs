@@ -95,7 +95,8 @@ impl DeviceReader {
                 OrderFault::Overtaken => "overtaken",
                 OrderFault::OtherSender(..) => "sender",
             };
-            return self.refuse(now, kind, fault.to_string());
+            self.refused += 1;
+            return self.tell(now, kind, fault.to_string());
         }
         self.osc = osc;
         if let Some(flight) = &mut self.flight {
@@ -189,7 +190,7 @@ impl DeviceReader {
     /// Counts a reading that is ignored, and tells of its kind.
     pub fn refuse(&mut self, now: Micros, kind: &'static str, reason: String) {
         self.refused += 1;
-        self.tell(now, kind, reason);
+        self.tell(now, kind, format!("{reason}; it is ignored"));
     }
 
     /// Tells of a kind of refusals now and then.
@@ -202,7 +203,7 @@ impl DeviceReader {
         }
         let mut text = format!("device {}: {reason}", self.device.name);
         text.truncate(text.floor_char_boundary(REASON_BYTES_MAX));
-        self.events.push(format!("{text}; it is ignored, as all like it"));
+        self.events.push(text);
     }
 
     /// Tells that the head cannot be where it is tracked.

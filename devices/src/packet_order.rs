@@ -12,7 +12,7 @@ const LATE_MAX: u64 = 10 << 32;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum OrderFault {
     /// It was overtaken.
-    #[error("a packet came after one with a later time tag")]
+    #[error("a packet that came after one with a later time tag is ignored")]
     Overtaken,
     /// It comes from elsewhere than those before.
     #[error("packets of {0} are ignored while those of {1} come; end one of both senders")]

@@ -200,6 +200,8 @@ fn check_camera(page: &Page) {
     page.route("POST", "/camera/fly", &[], Some(flight)).value();
     let flown = client.status().expect("a status").presentation.camera;
     assert_eq!(flown.position, DVec3::new(1.0, 2.0, 2.0), "two world units are a metre");
+    let back = json!({ "offset_m": [0.0, 0.0, 0.5], "turn_rad": [0.0, 0.0] });
+    page.ask("POST", "/camera/fly", Some(&back)).value();
     let far = json!({ "offset_m": [1e300, 0.0, 0.0], "turn_rad": [0.0, 0.0] });
     page.ask("POST", "/camera/fly", Some(&far)).refused(422, "leads too far");
     let head = json!({ "position": [0.1, 0.0, 0.0], "rotation": null, "eye_separation_m": null });
