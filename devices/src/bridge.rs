@@ -98,7 +98,7 @@ impl Bridge {
     }
 
     /// A reading of the device with this index is damaged.
-    pub fn handle_damage(&mut self, now: Micros, device: usize, reason: String) {
+    pub fn handle_damage(&mut self, now: Micros, device: usize, reason: &str) {
         self.readers[device].refuse(now, "damaged", reason);
     }
 

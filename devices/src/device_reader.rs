@@ -82,7 +82,7 @@ impl DeviceReader {
         let readings = match osc.read(packet) {
             Ok(readings) => readings,
             Err(fault) => {
-                return self.refuse(now, "damaged", format!("a packet of {from}: {fault}"));
+                return self.refuse(now, "damaged", &format!("a packet of {from}: {fault}"));
             }
         };
         if readings.pose.is_none() && readings.values.is_empty() {
@@ -96,7 +96,7 @@ impl DeviceReader {
                 OrderFault::OtherSender(..) => "sender",
             };
             self.refused += 1;
-            return self.tell(now, kind, fault.to_string());
+            return self.tell(now, kind, &fault.to_string());
         }
         self.osc = osc;
         if let Some(flight) = &mut self.flight {
@@ -116,7 +116,7 @@ impl DeviceReader {
         let sample = HeadSample::from_sensor(&self.device.frame, head, pose);
         let position = sample.position;
         if !sample.is_finite() || position.abs().max_element() > HEAD_REACH_MAX_M {
-            return self.refuse(now, "range", format!("a head at {position} m is out of reach"));
+            return self.refuse(now, "range", &format!("a head at {position} m is out of reach"));
         }
         let counts = filter.add(now, sample);
         self.take_filter_events(now);
@@ -188,13 +188,13 @@ impl DeviceReader {
     }
 
     /// Counts a reading that is ignored, and tells of its kind.
-    pub fn refuse(&mut self, now: Micros, kind: &'static str, reason: String) {
+    pub fn refuse(&mut self, now: Micros, kind: &'static str, reason: &str) {
         self.refused += 1;
-        self.tell(now, kind, format!("{reason}; it is ignored"));
+        self.tell(now, kind, &format!("{reason}; it is ignored"));
     }
 
     /// Tells of a kind of refusals now and then.
-    fn tell(&mut self, now: Micros, kind: &'static str, reason: String) {
+    fn tell(&mut self, now: Micros, kind: &'static str, reason: &str) {
         let at = self.told.iter_mut().find(|(of, _)| *of == kind);
         match at {
             Some((_, at)) if now.saturating_sub(*at) < REPEAT_PERIOD => return,
@@ -208,7 +208,7 @@ impl DeviceReader {
 
     /// Tells that the head cannot be where it is tracked.
     pub fn refuse_head(&mut self, now: Micros, reason: &str) {
-        self.refuse(now, "head", format!("the head cannot be there: {reason}"));
+        self.refuse(now, "head", &format!("the head cannot be there: {reason}"));
     }
 
     /// Notices what time alone changes.
@@ -252,7 +252,7 @@ impl DeviceReader {
                 FilterEvent::Tracked | FilterEvent::Lost => {}
                 FilterEvent::Jumped { distance_m } => {
                     let reason = format!("its head jumped by {distance_m:.2} m");
-                    self.tell(now, "jump", format!("{reason}; such readings wait to be steady"));
+                    self.tell(now, "jump", &format!("{reason}; such readings wait to be steady"));
                 }
                 FilterEvent::Steady => {
                     self.events.push(format!("device {name}: the head is steady elsewhere"));

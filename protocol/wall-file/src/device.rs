@@ -333,13 +333,11 @@ impl DeviceEntry<'_> {
         let axes: Option<Vec<u8>> = order.chars().map(axis).collect();
         let axes = axes.and_then(|axes| <[u8; 3]>::try_from(axes).ok());
         // Two turns about one axis without another between are one turn.
-        match axes.filter(|[a, b, c]| a != b && b != c) {
-            Some(axes) => Ok(RotationForm::Euler { order: EulerOrder(axes), is_degrees }),
-            None => {
-                let what = format!("{order:?} is no order of axes");
-                Err(self.error("head.order", what, "write three of x, y and z, such as \"yxz\""))
-            }
+        if let Some(axes) = axes.filter(|[a, b, c]| a != b && b != c) {
+            return Ok(RotationForm::Euler { order: EulerOrder(axes), is_degrees });
         }
+        let what = format!("{order:?} is no order of axes");
+        Err(self.error("head.order", what, "write three of x, y and z, such as \"yxz\""))
     }
 
     fn fly(&self, section: &FlySection) -> Result<FlyControls, WallFileError> {

@@ -54,8 +54,9 @@ impl DeviceSource {
     /// Returns the address or the path of the source.
     pub fn place(&self) -> &str {
         match self {
-            Self::Osc { listen: place } | Self::Vrpn { server: place } => place,
-            Self::Joystick { path: place } => place,
+            Self::Osc { listen: place }
+            | Self::Vrpn { server: place }
+            | Self::Joystick { path: place } => place,
         }
     }
 }

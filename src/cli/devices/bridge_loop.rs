@@ -134,7 +134,7 @@ fn take(bridge: &mut Bridge, now: Micros, Reading { device, what }: Reading) {
         ReadingKind::Packet(from, bytes) => bridge.handle_packet(now, device, from, &bytes),
         ReadingKind::Joystick(event) => bridge.handle_joystick(now, device, event),
         ReadingKind::Pose(pose) => bridge.handle_pose(now, device, &pose),
-        ReadingKind::Damaged(reason) => bridge.handle_damage(now, device, reason),
+        ReadingKind::Damaged(reason) => bridge.handle_damage(now, device, &reason),
         ReadingKind::Opened => bridge.handle_life(now, device),
         ReadingKind::Failed(reason) => bridge.handle_failure(now, device, &reason),
     }

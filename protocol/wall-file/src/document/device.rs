@@ -77,7 +77,7 @@ pub enum DeviceKind {
 #[serde(deny_unknown_fields, default)]
 pub struct FrameSection {
     /// The tracker's axes that point right, up and backwards (away from the screen), such as
-    /// ["x", "z", "-y"]; each of x, y and z once. They may be left-handed.
+    /// `["x", "z", "-y"]`; each of x, y and z once. They may be left-handed.
     pub axes: [String; 3],
     /// Metres in a unit of the tracker; 0.001 for millimetres.
     pub unit: f64,
