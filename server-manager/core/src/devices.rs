@@ -1,6 +1,7 @@
 //! Trackers, wands and pads of the wall file, as their bridges report them.
 
 use polyptych_protocol::device_status::{DeviceState, DeviceStatus};
+use polyptych_protocol::feedback::Quantiles;
 use polyptych_text::make_printable;
 use polyptych_wall::Wall;
 use polyptych_wall::limits::DEVICES_MAX;
@@ -43,7 +44,8 @@ impl Devices {
     /// Returns every device as it stands at `now`.
     pub fn statuses(&self, now: Micros) -> Vec<DeviceStatus> {
         let status = |entry: &DeviceEntry| {
-            let since_ms = entry.status.since_ms + now.saturating_sub(entry.at) / 1000;
+            let elapsed_ms = now.saturating_sub(entry.at) / 1000;
+            let since_ms = entry.status.since_ms.saturating_add(elapsed_ms);
             DeviceStatus { since_ms, ..entry.status.clone() }
         };
         self.entries.iter().map(status).collect()
@@ -103,8 +105,12 @@ impl Cluster {
                 reason.truncate(reason.floor_char_boundary(REASON_BYTES_MAX));
                 make_printable(reason);
             }
-            if !status.rate_hz.is_finite() {
-                status.rate_hz = 0.0;
+            // JSON has no NaN: one would make the status unreadable for every client.
+            let Quantiles { p50, p95, p99, max, .. } = &mut status.latency_ms;
+            for number in [&mut status.rate_hz, p50, p95, p99, max] {
+                if !number.is_finite() {
+                    *number = 0.0;
+                }
             }
             self.set_device(now, place, status, Some(client));
         }

@@ -1,6 +1,7 @@
 //! Devices of the wall file, as bridges report them.
 
 use polyptych_protocol::device_status::{DeviceState, DeviceStatus};
+use polyptych_protocol::feedback::Quantiles;
 use polyptych_protocol::head_update::HeadUpdate;
 use polyptych_protocol::navigation::Flight;
 use polyptych_wall::device::{Device, DeviceSource, TrackerFrame};
@@ -78,11 +79,15 @@ fn reports_of_others_devices_and_of_unknown_ones_change_nothing() {
     let hostile = DeviceStatus {
         reason: Some("\u{1b}[2J".repeat(1000)),
         rate_hz: f64::NAN,
+        since_ms: u64::MAX,
+        latency_ms: Quantiles { max: f64::INFINITY, ..Quantiles::default() },
         state: DeviceState::Lost,
         ..live("1")
     };
     assert_eq!(report(&mut stage, CLIENT, &[hostile]), None);
+    stage.now += 2_000_000;
     let told = &stage.cluster.status(stage.now).devices[0];
+    assert_eq!((told.since_ms, told.latency_ms.max), (u64::MAX, 0.0));
     let reason = told.reason.as_deref().unwrap_or_default();
     assert!(told.rate_hz == 0.0 && reason.len() <= 4096 && !reason.contains('\u{1b}'), "{told:?}");
 }
