@@ -101,7 +101,7 @@ impl DeviceReader {
         self.osc = osc;
         if let Some(flight) = &mut self.flight {
             for (place, value) in &readings.values {
-                flight.set(*place, *value);
+                flight.set(now, *place, *value);
             }
         }
         match readings.pose {
@@ -140,7 +140,7 @@ impl DeviceReader {
                 | (Some(ControlInput::Button(of)), JoystickEvent::Button(number, value))
                     if of == number =>
                 {
-                    flight.set(place, value);
+                    flight.set(now, place, value);
                 }
                 _ => {}
             }

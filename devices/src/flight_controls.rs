@@ -32,10 +32,14 @@ impl FlightControls {
         &self.controls
     }
 
-    /// Sets the value of a control by its place.
-    pub fn set(&mut self, place: usize, value: f64) {
+    /// Sets the value that a control has from `now` on, by its place.
+    pub fn set(&mut self, now: Micros, place: usize, value: f64) {
         let Some(control) = self.controls.controls()[place] else { return };
         let is_negative = control.is_negative;
+        // The time without a held control is no part of the next flight.
+        if self.due().is_none() {
+            self.last = self.last.filter(|last| now.saturating_sub(*last) < FLIGHT_PERIOD);
+        }
         let value = if value.is_finite() { value.clamp(-1.0, 1.0) } else { 0.0 };
         self.values[place] = if is_negative { -value } else { value };
     }
@@ -96,22 +100,28 @@ mod tests {
             dead_zone: 0.2,
         });
         assert_eq!((flight.due(), flight.take(0)), (None, None));
-        flight.set(0, 0.2);
-        flight.set(1, 1.0);
+        flight.set(0, 0, 0.2);
+        flight.set(0, 1, 1.0);
         assert_eq!(flight.due(), None, "a stick in its dead zone, and a control that is not there");
         // Pushed forwards, the axis of a stick is negative.
-        flight.set(2, -7.0);
+        flight.set(0, 2, -7.0);
         flight.take(1_000_000);
         assert_eq!(flight.due(), Some(1_000_000 + FLIGHT_PERIOD));
         let offset = flight.take(1_050_000).expect("held").offset_m;
         assert!(offset.abs_diff_eq(DVec3::NEG_Z * 0.1, 1e-9), "{offset}");
-        flight.set(2, 0.0);
-        flight.set(3, 0.6);
+        flight.set(1_050_000, 2, 0.0);
+        flight.set(1_050_000, 3, 0.6);
         let turn = flight.take(1_100_000).expect("held").turn_rad;
         assert!(turn.abs_diff_eq(DVec2::new(0.5 * 0.05, 0.0), 1e-9), "{turn}");
         let long = flight.take(9_000_000).expect("held").turn_rad;
         assert!(long.abs_diff_eq(DVec2::new(0.05, 0.0), 1e-9), "{long}");
-        flight.set(3, f64::NAN);
+        flight.set(9_000_000, 3, f64::NAN);
         assert_eq!(flight.take(9_100_000), None);
+        flight.set(9_200_000, 3, 0.6);
+        assert!(flight.take(9_200_000).is_some());
+        flight.set(9_210_000, 3, 0.0);
+        flight.set(20_000_000, 3, 0.6);
+        let first = flight.take(20_000_000).expect("held").turn_rad.x;
+        assert!((first - 0.5 * seconds(FLIGHT_PERIOD)).abs() < 1e-9, "no leap at first: {first}");
     }
 }
