@@ -43,6 +43,8 @@ pub(crate) struct DeviceReader {
     last: Option<Micros>,
     /// When the last pose that counts came.
     pub pose_at: Option<Micros>,
+    /// The time of the last packet with values of OSC controls, until they are let go.
+    values_at: Option<Micros>,
     refused: u64,
     /// Readings since a time, and the rate before that.
     counted: (Micros, u64),
@@ -68,6 +70,7 @@ impl DeviceReader {
             reason: Some(SILENT.into()),
             last: None,
             pose_at: None,
+            values_at: None,
             refused: 0,
             counted: (0, 0),
             rate_hz: 0.0,
@@ -102,10 +105,13 @@ impl DeviceReader {
         if let Some(flight) = &mut self.flight {
             for (place, value) in &readings.values {
                 flight.set(now, *place, *value);
+                self.values_at = Some(now);
             }
         }
         match readings.pose {
             Some(pose) => self.handle_pose(now, &pose),
+            // A wand whose stick alone is heard does not track the head: it has to be named.
+            None if self.filter.is_some() => {}
             None => self.handle_life(now),
         }
     }
@@ -217,6 +223,12 @@ impl DeviceReader {
             filter.advance(now);
             self.take_filter_events(now);
         }
+        if self.values_end().is_some_and(|ends| ends <= now) {
+            self.values_at = None;
+            if let Some(flight) = &mut self.flight {
+                flight.release();
+            }
+        }
         if self.silence_ends().is_some_and(|ends| ends <= now) {
             let reason = format!("no usable reading for {} ms", self.device.lost_ms);
             self.lose(now, DeviceState::Lost, &reason);
@@ -237,10 +249,15 @@ impl DeviceReader {
         Some(last + micros_from_ms(self.device.lost_ms))
     }
 
+    /// Returns when OSC controls are let go if no more of their values come; poses do not count.
+    fn values_end(&self) -> Option<Micros> {
+        self.values_at.map(|at| at + micros_from_ms(self.device.lost_ms))
+    }
+
     /// When [`Self::advance`] is due next.
     pub fn poll_timeout(&self) -> Option<Micros> {
         let filter = self.filter.as_ref().and_then(PoseFilter::poll_timeout);
-        [self.silence_ends(), filter].into_iter().flatten().min()
+        [self.silence_ends(), self.values_end(), filter].into_iter().flatten().min()
     }
 
     fn take_filter_events(&mut self, now: Micros) {

@@ -276,6 +276,26 @@ fn a_wand_flies_while_it_is_held_and_stops_when_it_is_lost() {
 }
 
 #[test]
+fn a_stick_and_a_head_of_one_device_are_lost_each_by_itself() {
+    let mut stage = WallFixture::new();
+    stage.send(0, &message("/stick", &[0.0, 1.0]));
+    for now in (0..1_000_000).step_by(10_000) {
+        stage.send(now, &pose(0.1));
+    }
+    assert_eq!(stage.bridge.statuses(1_000_000)[0].state, DeviceState::Live);
+    stage.flights.clear();
+    for now in (1_000_000..2_000_000).step_by(10_000) {
+        stage.send(now, &pose(0.1));
+    }
+    assert!(stage.flights.is_empty(), "a stick that is silent is let go");
+    for now in (2_000_000..3_000_000).step_by(10_000) {
+        stage.send(now, &message("/stick", &[0.0, 1.0]));
+    }
+    assert_eq!(stage.bridge.statuses(3_000_000)[0].state, DeviceState::Lost);
+    assert!(stage.flights.len() > 40, "{}", stage.flights.len());
+}
+
+#[test]
 fn a_second_bridge_sends_nothing_until_the_first_has_left() {
     let mut bridge = Bridge::new(&wall());
     let from = TRACKER.parse().expect("an address");
