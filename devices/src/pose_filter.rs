@@ -113,8 +113,13 @@ impl PoseFilter {
 
     fn add_elsewhere(&mut self, now: Micros, sample: HeadSample, distance_m: f64) -> bool {
         let is_far = |track: &PoseTrack| track.jump_m(&self.tracking, now, &sample).is_some();
+        // Two reflections with a silence between them are not steady.
+        let lost_after = self.lost_after;
+        let is_old = |track: &PoseTrack| {
+            track.last().is_none_or(|(last, _)| now.saturating_sub(last) >= lost_after)
+        };
         let (began, mut track) = match self.candidate.take() {
-            Some((began, track)) if !is_far(&track) => (began, track),
+            Some((began, track)) if !is_far(&track) && !is_old(&track) => (began, track),
             // One event for a place, or for many that follow each other.
             Some(_) => (now, PoseTrack::default()),
             None => {

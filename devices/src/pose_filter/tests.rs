@@ -111,6 +111,15 @@ fn a_jump_of_a_hundred_metres_is_refused_until_it_is_steady_and_then_eased() {
 }
 
 #[test]
+fn two_reflections_with_a_silence_between_them_are_not_steady() {
+    let mut filter = filter(tracking());
+    let now = feed(&mut filter, 0, 1_500_000, at(0.5));
+    assert!(!filter.add(now + 600_000, at(20.0)));
+    assert!(!filter.add(now + 1_200_000, at(20.0)));
+    assert_eq!(seen(&mut filter, now + 1_200_000), 0.5, "its last pose is held");
+}
+
+#[test]
 fn a_lost_head_is_held_then_eased_back_and_one_that_is_back_is_eased_in() {
     let mut filter = filter(tracking());
     let now = feed(&mut filter, 0, 1_500_000, at(0.8));
