@@ -58,6 +58,8 @@ pub struct Bridge {
     is_accepted: bool,
     /// The reason that was told last for which it takes none.
     rejection: Option<String>,
+    /// The reason that was told last for which the camera cannot fly.
+    flight_rejection: Option<String>,
     events: Vec<String>,
 }
 
@@ -78,6 +80,7 @@ impl Bridge {
             is_news: true,
             is_accepted: false,
             rejection: None,
+            flight_rejection: None,
             events: Vec::new(),
         }
     }
@@ -135,10 +138,15 @@ impl Bridge {
                     self.rejection = Some(reason);
                 }
             }
+            (Purpose::Flight, Ok(())) => self.flight_rejection = None,
+            // Flights come at the rate of displays while a stick is held.
             (Purpose::Flight, Err(reason)) => {
-                self.events.push(format!("the camera cannot fly: {reason}"));
+                if self.flight_rejection.as_ref() != Some(&reason) {
+                    self.events.push(format!("the camera cannot fly: {reason}"));
+                    self.flight_rejection = Some(reason);
+                }
             }
-            (Purpose::Head(None) | Purpose::Flight, Ok(())) => {}
+            (Purpose::Head(None), Ok(())) => {}
         }
         self.finish(purpose);
     }

@@ -317,3 +317,15 @@ fn a_second_bridge_sends_nothing_until_the_first_has_left() {
     let (purpose, _) = bridge.poll_request(4_000_000).expect("a head");
     assert_eq!(purpose, Purpose::Head(Some(2_990_000)));
 }
+
+#[test]
+fn flights_that_are_refused_are_told_once_until_one_is_done() {
+    let mut bridge = Bridge::new(&wall());
+    let refuse = |bridge: &mut Bridge| {
+        bridge.handle_answer(0, Purpose::Flight, Err("too far".into()));
+        bridge.take_events().len()
+    };
+    assert_eq!([refuse(&mut bridge), refuse(&mut bridge)], [1, 0]);
+    bridge.handle_answer(0, Purpose::Flight, Ok(()));
+    assert_eq!(refuse(&mut bridge), 1);
+}
