@@ -1,5 +1,6 @@
 //! The loop of the bridge: readings in, requests to the manager out.
 
+use std::pin::pin;
 use std::time::{Duration, Instant};
 
 use polyptych_client::{Client, ClientError, Epoch, FeedbackStream, ReconnectPolicy};
@@ -41,8 +42,22 @@ pub async fn run(wall: &Wall, address: &ManagerAddress) -> anyhow::Result<()> {
     let began = Instant::now();
     let clock = || began.elapsed().as_micros() as Micros;
     let mut readings = sources::open(wall).await?;
-    let mut link = connect(wall, address).await?;
     let mut bridge = Bridge::new(wall);
+    let mut connecting = pin!(connect(wall, address));
+    // Devices are read from the first: what waits in sockets is old once there is a manager, and
+    // a VRPN server may hold up its other clients while one does not read.
+    let mut link = loop {
+        bridge.advance(clock());
+        for event in bridge.take_events() {
+            say(event)?;
+        }
+        let due = began + Duration::from_micros(bridge.poll_timeout(false));
+        tokio::select! {
+            link = &mut connecting => break link?,
+            Some(reading) = readings.recv() => take(&mut bridge, clock(), reading),
+            () = sleep_until(due.into()) => {}
+        }
+    };
     let mut answers = Answers::new();
     let mut summary_due = Instant::now() + SUMMARY_PERIOD;
     loop {
