@@ -302,6 +302,11 @@ impl DeviceEntry<'_> {
         }
         if let Some(rotation) = rotation {
             self.check_address("head.rotation", rotation)?;
+            if rotation == first {
+                let what = format!("{rotation} is the address of the position already");
+                let remedy = "write pose instead of both if one message has both";
+                return Err(self.error("head.rotation", what, remedy));
+            }
         }
         let form =
             (pose.is_some() || rotation.is_some()).then(|| self.form(*form, order.as_deref()));

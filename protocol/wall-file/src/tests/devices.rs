@@ -107,6 +107,7 @@ fn wrong_devices_are_refused_with_key_and_remedy() {
         (TRACKER, "0.001", "0.0", "device[0].frame.unit", "write a number from"),
         (TRACKER, "\"/head/position\"", "\"head\"", "device[0].head.position", "OSC address"),
         (TRACKER, "position = ", "pose = ", "device[0].head.rotation", "pose"),
+        (TRACKER, "/head/angles", "/head/position", "device[0].head.rotation", "already"),
         (TRACKER, "\"zyx\"", "\"zzx\"", "device[0].head.order", "yxz"),
         (TRACKER, "form = \"euler-degrees\"", "", "device[0].head.order", "angles"),
         (
