@@ -17,8 +17,8 @@ impl Client {
         self.done("fly the camera", Request::Fly(flight)).await
     }
 
-    /// Says how devices of the wall file stand that this client reads. The wall's status names
-    /// them; those whose client ends are lost.
+    /// Reports the state of the devices of the wall file that this client reads. The wall's status
+    /// names them; they are lost once this client ends.
     ///
     /// # Errors
     /// [`ClientError`]; a device that the wall file does not have, or that another client reads.

@@ -1,7 +1,8 @@
-//! The bridge between the devices of a wall and its manager: what it sends, and when.
+//! The bridge between the devices of a wall and its manager: the requests that it sends and their
+//! times.
 //!
-//! Sockets and files give it what devices say; what is to be sent comes out of
-//! [`Bridge::poll_request`], and [`Bridge::poll_timeout`] says when to ask for it next.
+//! The caller hands it what sockets and files deliver. [`Bridge::poll_request`] returns the next
+//! request to send, and [`Bridge::poll_timeout`] the time of the next call.
 
 use std::net::SocketAddr;
 
@@ -28,7 +29,7 @@ const REPORT_PERIOD_MIN: Micros = 100_000;
 /// A time of the caller's clock that never comes: a century.
 const IDLE_TIMEOUT: Micros = 3_155_760_000_000_000;
 
-/// What a request of the bridge is for; its answer goes back with it.
+/// The purpose of a request of the bridge; the caller hands it back with the answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// A head whose newest reading came at this time, if any.
@@ -48,23 +49,25 @@ pub struct Bridge {
     meter: LatencyMeter,
     /// The last head that was sent, and the newest reading in it.
     sent: Option<(HeadSample, Option<Micros>)>,
-    /// Whether the head was on its way by itself when it was looked at last: its end is to follow.
+    /// `true` if the last head was part of a movement without readings: the head at its end is
+    /// still to be sent.
     is_settling: bool,
     flight_waits: bool,
     report_waits: bool,
     reported: Option<Micros>,
     is_news: bool,
-    /// Whether the manager takes this bridge's reports. Otherwise another one reads the devices.
+    /// `true` if the manager accepts this bridge's reports; `false` while another bridge reads the
+    /// devices.
     is_accepted: bool,
-    /// The reason that was told last for which it takes none.
+    /// The last logged reason why the manager rejects reports.
     rejection: Option<String>,
-    /// The reason that was told last for which the camera cannot fly.
+    /// The last logged reason why the manager rejects flights, until it accepts one.
     flight_rejection: Option<String>,
     events: Vec<String>,
 }
 
 impl Bridge {
-    /// The bridge of the devices that a wall file has.
+    /// Creates the bridge of the devices of a wall file.
     pub fn new(wall: &Wall) -> Self {
         let head = wall.head();
         Self {
@@ -85,43 +88,43 @@ impl Bridge {
         }
     }
 
-    /// A UDP packet came for the device with this index.
+    /// Handles a UDP packet for the device with this index.
     pub fn handle_packet(&mut self, now: Micros, device: usize, from: SocketAddr, packet: &[u8]) {
         self.readers[device].handle_packet(now, from, packet);
     }
 
-    /// A value of the pad with this index has changed.
+    /// Handles a changed value of the pad with this index.
     pub fn handle_joystick(&mut self, now: Micros, device: usize, event: JoystickEvent) {
         self.readers[device].handle_joystick(now, event);
     }
 
-    /// A pose of the head's sensor of the device with this index came.
+    /// Handles a pose of the head's sensor, from the device with this index.
     pub fn handle_pose(&mut self, now: Micros, device: usize, pose: &SensorPose) {
         self.readers[device].handle_pose(now, pose);
     }
 
-    /// A reading of the device with this index is damaged.
+    /// Counts and logs a damaged reading of the device with this index.
     pub fn handle_damage(&mut self, now: Micros, device: usize, reason: &str) {
         self.readers[device].refuse(now, "damaged", reason);
     }
 
-    /// The device with this index was opened.
+    /// Marks the device with this index as live: it was opened.
     pub fn handle_life(&mut self, now: Micros, device: usize) {
         self.readers[device].handle_life(now);
     }
 
-    /// The device with this index cannot be read.
+    /// Marks the device with this index as lost: it cannot be read.
     pub fn handle_failure(&mut self, now: Micros, device: usize, reason: &str) {
         self.readers[device].handle_failure(now, reason);
     }
 
-    /// A frame was swapped, `frame_us` after it had begun.
+    /// Handles the swap of a frame that began `frame_us` microseconds before.
     pub fn handle_swap(&mut self, now: Micros, frame_us: Micros) {
         self.meter.handle_swap(now, frame_us);
         self.pacer.handle_swap(now);
     }
 
-    /// A request was answered: it was done, or refused for a reason.
+    /// Handles the answer to a request; the error is the manager's reason to refuse it.
     pub fn handle_answer(&mut self, now: Micros, purpose: Purpose, answer: Result<(), String>) {
         match (purpose, answer) {
             (Purpose::Head(Some(reading)), Ok(())) => self.meter.handle_answer(now, reading),
@@ -151,7 +154,7 @@ impl Bridge {
         self.finish(purpose);
     }
 
-    /// A request will not be answered, for the connection was lost.
+    /// Handles a request that stays unanswered because the connection was lost.
     pub fn handle_no_answer(&mut self, purpose: Purpose) {
         self.is_accepted = false;
         (self.reported, self.is_news) = (None, true);
@@ -166,14 +169,14 @@ impl Bridge {
         }
     }
 
-    /// The connection with the manager was made again: it knows nothing of the devices.
+    /// Resets what the manager knows of the devices, after a reconnection.
     pub fn handle_reconnect(&mut self) {
         self.meter.forget_waiting();
         (self.sent, self.reported, self.is_news) = (None, None, true);
         self.is_accepted = false;
     }
 
-    /// Notices what time alone changes; [`Self::poll_request`] does so too.
+    /// Applies the changes that the passing of time causes; [`Self::poll_request`] does so too.
     pub fn advance(&mut self, now: Micros) {
         for reader in &mut self.readers {
             reader.advance(now);
@@ -183,8 +186,8 @@ impl Bridge {
         }
     }
 
-    /// Returns the next request that is due, and what it is for. While the manager takes no report
-    /// of this bridge, there is nothing else.
+    /// Returns the next request that is due, with its purpose. Until the manager has accepted a
+    /// report, this bridge sends reports only.
     pub fn poll_request(&mut self, now: Micros) -> Option<(Purpose, Request)> {
         self.advance(now);
         if let Some(report) = self.take_report(now) {
@@ -217,7 +220,7 @@ impl Bridge {
         reported + if self.is_news { REPORT_PERIOD_MIN } else { REPORT_PERIOD }
     }
 
-    /// Every device as it stands, in the order of the wall file.
+    /// Returns the state of every device, in the order of the wall file.
     pub fn statuses(&self, now: Micros) -> Vec<DeviceStatus> {
         let status = |reader: &DeviceReader| {
             let is_head = reader.filter.is_some();
@@ -231,7 +234,7 @@ impl Bridge {
         self.readers.iter().position(|reader| reader.filter.is_some())
     }
 
-    /// The head that is due, with the newest reading in it.
+    /// Returns the head if one is due, with the time of its newest reading.
     fn take_head(&mut self, now: Micros) -> Option<(Option<Micros>, HeadUpdate)> {
         if self.head_due().is_none_or(|due| due > now) {
             return None;
@@ -262,8 +265,8 @@ impl Bridge {
         Some((Some(reading).filter(|_| is_new), update))
     }
 
-    /// Returns when [`Self::poll_request`] is to be asked again, if nothing comes before; without a
-    /// connection, [`Self::advance`].
+    /// Returns the time of the next call of [`Self::poll_request`], or of [`Self::advance`] without
+    /// a connection, if no reading comes before.
     pub fn poll_timeout(&self, is_connected: bool) -> Micros {
         let may_report = is_connected && !self.report_waits;
         let report = if may_report { self.report_due() } else { IDLE_TIMEOUT };
@@ -286,7 +289,7 @@ impl Bridge {
         self.pacer.due(Some(reading).filter(|_| is_new))
     }
 
-    /// Returns what happened since the last call, as sentences.
+    /// Returns the events since the last call, as sentences.
     pub fn take_events(&mut self) -> Vec<String> {
         std::mem::take(&mut self.events)
     }

@@ -1,4 +1,4 @@
-//! A device: its readings in, its head and its flights out.
+//! A device: turns its readings into poses of the head and flights.
 
 use std::net::SocketAddr;
 
@@ -39,23 +39,23 @@ pub(crate) struct DeviceReader {
     state: DeviceState,
     since: Micros,
     reason: Option<String>,
-    /// When the last reading that counts came.
+    /// The time of the last valid reading.
     last: Option<Micros>,
-    /// When the last pose that counts came.
+    /// The time of the last pose that the head follows.
     pub pose_at: Option<Micros>,
-    /// The time of the last packet with values of OSC controls, until they are let go.
+    /// The time of the last packet with values of OSC controls; `None` once they are released.
     values_at: Option<Micros>,
     refused: u64,
-    /// Readings since a time, and the rate before that.
+    /// The start of the counting period and the number of readings since then.
     counted: (Micros, u64),
     rate_hz: f64,
-    /// When each kind of refusal was told last.
+    /// The time at which each kind of refusal was logged last.
     told: Vec<(&'static str, Micros)>,
     events: Vec<String>,
 }
 
 impl DeviceReader {
-    /// A device of which nothing has come yet. `rest` is the head that the wall file has.
+    /// Creates a device without readings. `rest` is the head of the wall file.
     pub fn new(device: &Device, rest: &HeadPose) -> Self {
         let rest = HeadSample { position: rest.position, rotation: rest.rotation };
         let head = device.head.clone();
@@ -79,7 +79,7 @@ impl DeviceReader {
         }
     }
 
-    /// A UDP packet came.
+    /// Handles a UDP packet.
     pub fn handle_packet(&mut self, now: Micros, from: SocketAddr, packet: &[u8]) {
         let mut osc = self.osc.clone();
         let readings = match osc.read(packet) {
@@ -116,7 +116,7 @@ impl DeviceReader {
         }
     }
 
-    /// A pose of the sensor that is the head came, in the tracker's own axes.
+    /// Handles a pose of the head's sensor, in the tracker's own axes.
     pub fn handle_pose(&mut self, now: Micros, pose: &SensorPose) {
         let (Some(filter), Some(head)) = (&mut self.filter, &self.device.head) else { return };
         let sample = HeadSample::from_sensor(&self.device.frame, head, pose);
@@ -135,7 +135,7 @@ impl DeviceReader {
         }
     }
 
-    /// A value of a pad has changed.
+    /// Handles a changed value of a pad.
     pub fn handle_joystick(&mut self, now: Micros, event: JoystickEvent) {
         self.handle_life(now);
         let Some(flight) = &mut self.flight else { return };
@@ -153,14 +153,14 @@ impl DeviceReader {
         }
     }
 
-    /// The device is there; readings of a pad come only when something changes.
+    /// Marks the device as live. A pad sends readings only when a value changes.
     pub fn handle_life(&mut self, now: Micros) {
         self.last = Some(now);
         self.counted.1 += 1;
         self.set_state(now, DeviceState::Live, None);
     }
 
-    /// The connection with the device is lost, or there is none.
+    /// Marks the device as lost, or leaves it waiting if it never was live.
     pub fn handle_failure(&mut self, now: Micros, reason: &str) {
         let state = match self.state {
             DeviceState::Waiting => DeviceState::Waiting,
@@ -193,13 +193,13 @@ impl DeviceReader {
         self.reason = reason;
     }
 
-    /// Counts a reading that is ignored, and tells of its kind.
+    /// Counts a reading that is ignored, and logs its kind.
     pub fn refuse(&mut self, now: Micros, kind: &'static str, reason: &str) {
         self.refused += 1;
         self.tell(now, kind, &format!("{reason}; it is ignored"));
     }
 
-    /// Tells of a kind of refusals now and then.
+    /// Logs a kind of refusal, at most once in [`REPEAT_PERIOD`].
     fn tell(&mut self, now: Micros, kind: &'static str, reason: &str) {
         let at = self.told.iter_mut().find(|(of, _)| *of == kind);
         match at {
@@ -212,12 +212,12 @@ impl DeviceReader {
         self.events.push(text);
     }
 
-    /// Tells that the head cannot be where it is tracked.
+    /// Counts and logs a tracked head that is refused.
     pub fn refuse_head(&mut self, now: Micros, reason: &str) {
         self.refuse(now, "head", &format!("the head cannot be there: {reason}"));
     }
 
-    /// Notices what time alone changes.
+    /// Applies the changes that the passing of time causes.
     pub fn advance(&mut self, now: Micros) {
         if let Some(filter) = &mut self.filter {
             filter.advance(now);
@@ -241,7 +241,7 @@ impl DeviceReader {
         }
     }
 
-    /// When the device is lost if nothing comes; `None` if it is not live, or a pad.
+    /// Returns the time at which silence makes the device lost; `None` if it is not live, or a pad.
     fn silence_ends(&self) -> Option<Micros> {
         let is_read = self.state == DeviceState::Live
             && !matches!(self.device.source, DeviceSource::Joystick { .. });
@@ -249,12 +249,12 @@ impl DeviceReader {
         Some(last + micros_from_ms(self.device.lost_ms))
     }
 
-    /// Returns when OSC controls are let go if no more of their values come; poses do not count.
+    /// Returns the time at which silence releases OSC controls; poses do not hold them.
     fn values_end(&self) -> Option<Micros> {
         self.values_at.map(|at| at + micros_from_ms(self.device.lost_ms))
     }
 
-    /// When [`Self::advance`] is due next.
+    /// Returns the time at which [`Self::advance`] is due next.
     pub fn poll_timeout(&self) -> Option<Micros> {
         let filter = self.filter.as_ref().and_then(PoseFilter::poll_timeout);
         [self.silence_ends(), self.values_end(), filter].into_iter().flatten().min()
@@ -281,7 +281,7 @@ impl DeviceReader {
         }
     }
 
-    /// The device as it stands, with the latency of its head.
+    /// Returns the state of the device, with the latency of its head.
     pub fn status(&self, now: Micros, latency_ms: Quantiles) -> DeviceStatus {
         DeviceStatus {
             name: self.device.name.clone(),
@@ -303,13 +303,13 @@ impl DeviceReader {
         })
     }
 
-    /// Returns what happened since the last call, as sentences.
+    /// Returns the events since the last call, as sentences.
     pub fn take_events(&mut self) -> Vec<String> {
         std::mem::take(&mut self.events)
     }
 }
 
-/// Returns a quaternion that is sent for a head whose rotation is tracked.
+/// Returns the rotation to send; `None` if the rotation of the head is not tracked.
 pub(crate) fn sent_rotation(reader: &DeviceReader, sample: &HeadSample) -> Option<DQuat> {
     reader.has_rotation().then_some(sample.rotation)
 }

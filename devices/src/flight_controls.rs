@@ -16,9 +16,9 @@ const STEP_MAX: Micros = 100_000;
 #[derive(Clone, Debug)]
 pub(crate) struct FlightControls {
     controls: FlyControls,
-    /// −1 to 1, in the order of [`FlyControls::controls`].
+    /// Values from −1 to 1, in the order of [`FlyControls::controls`].
     values: [f64; 5],
-    /// When the last flight was taken, while the camera flies.
+    /// The time of the last flight; `None` before the first one of a push.
     last: Option<Micros>,
 }
 
@@ -27,7 +27,7 @@ impl FlightControls {
         Self { controls, values: [0.0; 5], last: None }
     }
 
-    /// The controls as the wall file has them.
+    /// Returns the controls as the wall file has them.
     pub fn controls(&self) -> &FlyControls {
         &self.controls
     }
@@ -44,18 +44,18 @@ impl FlightControls {
         self.values[place] = if is_negative { -value } else { value };
     }
 
-    /// Lets go of all: the device is lost.
+    /// Sets all values to 0: the device is lost.
     pub fn release(&mut self) {
         self.values = [0.0; 5];
     }
 
-    /// Returns when a flight is due, if anything is held.
+    /// Returns the time of the next flight; `None` if no control is held.
     pub fn due(&self) -> Option<Micros> {
         let is_held = (0..5).any(|place| self.deflection(place) != 0.0);
         is_held.then(|| self.last.map_or(0, |last| last + FLIGHT_PERIOD))
     }
 
-    /// The value beyond the dead zone, from 0 there.
+    /// Returns the value beyond the dead zone, scaled to −1 to 1.
     fn deflection(&self, place: usize) -> f64 {
         let (value, dead) = (self.values[place], self.controls.dead_zone);
         value.signum() * ((value.abs() - dead).max(0.0) / (1.0 - dead))

@@ -1,4 +1,4 @@
-//! When the head is sent: once for each frame, as fresh as it can be.
+//! The times at which the head is sent: once for each frame, with the freshest reading.
 //!
 //! A head that is sent with the first reading after a frame was swapped is in time for the next
 //! one, or for the one that follows a frame which began at that swap. What comes later in the same
@@ -13,28 +13,28 @@ const FRESH_WAIT: Micros = 10_000;
 /// Period of heads that no swap asks for: those of a wall that stands still.
 pub const IDLE_PERIOD: Micros = 100_000;
 
-/// The turns in which heads are sent.
+/// The state that decides when the next head is sent.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct HeadPacer {
-    /// When the last frame was swapped, if no head was sent since.
+    /// The time of the last swap; `None` if a head was sent since.
     swapped: Option<Micros>,
-    /// When the last head was sent.
+    /// The time at which the last head was sent.
     sent: Option<Micros>,
     is_unanswered: bool,
 }
 
 impl HeadPacer {
-    /// A frame was swapped.
+    /// Records the swap of a frame.
     pub fn handle_swap(&mut self, now: Micros) {
         self.swapped = Some(now);
     }
 
-    /// The head that was sent was answered.
+    /// Records the answer to the head that was sent.
     pub fn handle_answer(&mut self) {
         self.is_unanswered = false;
     }
 
-    /// Returns when a head is to be sent that differs from the last one sent, whose newest reading
+    /// Returns the time to send a head that differs from the last one sent and whose newest reading
     /// came at `reading`; `None` while the last one is not answered.
     pub fn due(&self, reading: Option<Micros>) -> Option<Micros> {
         if self.is_unanswered {
@@ -49,12 +49,12 @@ impl HeadPacer {
         Some(turn.min(idle))
     }
 
-    /// A head is not sent in its turn: it is none, or the same as before.
+    /// Records that no head is sent in this turn: it is invalid, or the same as before.
     pub fn record_skipped(&mut self, now: Micros) {
         (self.swapped, self.sent) = (None, Some(now));
     }
 
-    /// A head is sent.
+    /// Records that a head is sent.
     pub fn record_sent(&mut self, now: Micros) {
         (self.swapped, self.sent, self.is_unanswered) = (None, Some(now), true);
     }

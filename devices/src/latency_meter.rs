@@ -19,13 +19,13 @@ const WAITING_MAX: usize = 16;
 /// Latencies of the last heads.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LatencyMeter {
-    /// Readings of heads that the manager has, and when it had them, oldest first.
+    /// The times of readings in heads that the manager has, and of its answers, oldest first.
     waiting: VecDeque<(Micros, Micros)>,
     latencies: VecDeque<Micros>,
 }
 
 impl LatencyMeter {
-    /// The manager has the head of a reading since `now` at the latest.
+    /// Records that the manager has the head of a reading since `now` at the latest.
     pub fn handle_answer(&mut self, now: Micros, reading: Micros) {
         if self.waiting.len() == WAITING_MAX {
             self.waiting.pop_front();
@@ -33,7 +33,7 @@ impl LatencyMeter {
         self.waiting.push_back((reading, now));
     }
 
-    /// A frame was swapped, `frame_us` after it had begun.
+    /// Records the swap of a frame that began `frame_us` microseconds before.
     pub fn handle_swap(&mut self, now: Micros, frame_us: Micros) {
         let began = now.saturating_sub(frame_us);
         let mut used = None;
@@ -48,7 +48,7 @@ impl LatencyMeter {
         }
     }
 
-    /// Forgets heads whose answers or frames will not come: the manager is another one.
+    /// Forgets heads whose frames will not come, after a reconnection.
     pub fn forget_waiting(&mut self) {
         self.waiting.clear();
     }

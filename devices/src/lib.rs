@@ -1,5 +1,5 @@
-//! What trackers, wands and pads say, as heads and flights of a wall; without sockets and without a
-//! clock.
+//! Turns the readings of trackers, wands and pads into heads and flights of a wall, without sockets
+//! and without a clock.
 //!
 //! ```text
 //! packet --osc--> messages --osc_input--> pose --sensor_pose--> display space
@@ -7,8 +7,8 @@
 //!   messages --osc_input--> values of sticks --flight_controls--> flight
 //! ```
 //!
-//! [`Bridge`] holds the devices of a wall and says what the manager is sent, and when; its caller
-//! owns the sockets and the clock.
+//! [`Bridge`] holds the devices of a wall and decides what to send to the manager and when; its
+//! caller owns the sockets and the clock.
 
 pub mod bridge;
 mod device_reader;

@@ -50,7 +50,7 @@ pub enum OscArgument<'a> {
 }
 
 impl OscArgument<'_> {
-    /// Returns the number, with 1 for true and 0 for false; `None` if it is none or not finite.
+    /// Returns the number, with 1 for true and 0 for false; `None` if it is not a finite number.
     pub fn number(&self) -> Option<f64> {
         match *self {
             Self::Integer(number) => Some(number as f64),
@@ -70,7 +70,7 @@ pub enum OscError {
     /// The packet ends within an element.
     #[error("the packet is cut off")]
     CutOff,
-    /// It begins with neither "/" nor "#bundle".
+    /// The packet begins with neither "/" nor "#bundle".
     #[error("neither a message nor a bundle")]
     Neither,
     /// A string is not UTF-8.
@@ -202,7 +202,7 @@ impl<'a> Reader<'a> {
         self.bytes(N)?.try_into().map_err(|_| OscError::CutOff)
     }
 
-    /// A string that ends with a zero and fills a multiple of four bytes.
+    /// Reads a string that ends with a zero and fills a multiple of four bytes.
     fn text(&mut self) -> Result<&'a str, OscError> {
         let length = self.0.iter().position(|byte| *byte == 0).ok_or(OscError::CutOff)?;
         let bytes = self.bytes((length + 1).next_multiple_of(4))?;

@@ -59,7 +59,7 @@ impl OscInput {
         Ok(readings)
     }
 
-    /// The pose of what has come so far; `None` while a part of it is missing.
+    /// Returns the pose of the last position and rotation; `None` while one of them is missing.
     fn pose(&self) -> Option<SensorPose> {
         let Some(HeadInput::Osc { form, .. }) = &self.head else { return None };
         let is_whole = form.is_none() || self.rotation.is_some();
@@ -67,7 +67,7 @@ impl OscInput {
         Some(SensorPose { position, rotation: self.rotation })
     }
 
-    /// Returns whether the message is a part of the pose.
+    /// Reads a message that is a part of the pose. Returns whether it is.
     fn read_pose(&mut self, message: &OscMessage<'_>) -> Result<bool, String> {
         let Some(HeadInput::Osc { position, rotation, form }) = self.head.as_ref() else {
             return Ok(false);
@@ -123,7 +123,7 @@ impl OscInput {
     }
 }
 
-/// The numbers of a message, which must be so many, all of them finite.
+/// Returns the numbers of a message, which must be `count` finite numbers.
 fn numbers(message: &OscMessage<'_>, count: usize) -> Result<Vec<f64>, String> {
     let address = message.address;
     let found = message.arguments.len();

@@ -1,4 +1,4 @@
-//! The order of a device's packets, and who sends them.
+//! The order of a device's packets, and their sender.
 
 use std::net::SocketAddr;
 
@@ -11,15 +11,15 @@ const LATE_MAX: u64 = 10 << 32;
 /// The reason to ignore a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum OrderFault {
-    /// It was overtaken.
+    /// The packet was overtaken by a later one.
     #[error("a packet that came after one with a later time tag is ignored")]
     Overtaken,
-    /// It comes from elsewhere than those before.
+    /// The packet comes from another sender than those before.
     #[error("packets of {0} are ignored while those of {1} come; end one of both senders")]
     OtherSender(SocketAddr, SocketAddr),
 }
 
-/// The last packet of a device that counted.
+/// The last accepted packet of a device.
 #[derive(Clone, Debug)]
 pub(crate) struct PacketOrder {
     silence_max: Micros,
@@ -34,15 +34,15 @@ struct LastPacket {
 }
 
 impl PacketOrder {
-    /// After a silence of this many microseconds another sender counts.
+    /// Creates an order that accepts another sender after a silence of `silence_max`.
     pub fn new(silence_max: Micros) -> Self {
         Self { silence_max, last: None }
     }
 
-    /// Notes a packet that is to count.
+    /// Records a packet.
     ///
     /// # Errors
-    /// Why it does not.
+    /// The reason to ignore the packet.
     pub fn accept(
         &mut self,
         now: Micros,

@@ -20,17 +20,17 @@ const GAP_MAX: Micros = 50_000;
 /// The greatest slope of the ease, whose ends are at rest.
 const EASE_SLOPE_MAX: f64 = 1.5;
 
-/// A change that a person should know of.
+/// A change that is logged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FilterEvent {
-    /// Readings come.
+    /// The head follows readings again.
     Tracked,
     /// A reading is further away than a head can have gone.
     Jumped {
         /// The distance from the reading before, in metres.
         distance_m: f64,
     },
-    /// The head goes to where readings jumped, for they are steady there.
+    /// The head moves to the place of a jump because readings there are steady.
     Steady,
     /// No reading came for the time that the wall file names.
     Lost,
@@ -38,7 +38,7 @@ pub enum FilterEvent {
     Released,
 }
 
-/// What the head follows.
+/// The goal of the head.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Target {
     /// The wall file's head.
@@ -72,8 +72,8 @@ pub struct PoseFilter {
 }
 
 impl PoseFilter {
-    /// A head that rests at its place in the wall file. `lost_ms` is the silence after which the
-    /// device is lost.
+    /// Creates a head that rests at its place in the wall file. `lost_ms` is the silence after
+    /// which the device is lost, in milliseconds.
     pub fn new(tracking: HeadTracking, lost_ms: u32, rest: HeadSample) -> Self {
         Self {
             tracking,
@@ -148,7 +148,8 @@ impl PoseFilter {
         self.ease = Some(Ease { from, began: now, length: micros_from_ms(self.tracking.ease_ms) });
     }
 
-    /// Notices what time alone changes: a device that is silent, and a pose that was held.
+    /// Applies the changes that the passing of time causes: a silent device is lost, and a held
+    /// pose is released.
     pub fn advance(&mut self, now: Micros) {
         if let (Target::Track, Some((last, pose))) = (self.target, self.track.last())
             && now.saturating_sub(last) >= self.lost_after
@@ -190,8 +191,8 @@ impl PoseFilter {
         ease.from.mix(&target, t * t * (3.0 - 2.0 * t))
     }
 
-    /// The share of an ease that is over, 1 and more after its end. A long way takes longer: the
-    /// head never moves faster than one can.
+    /// Returns the elapsed fraction of an ease, 1 and more after its end. A long way takes longer,
+    /// so that the head never moves faster than `speed_max`.
     fn progress(&self, ease: &Ease, now: Micros) -> f64 {
         let way_m = self.goal(now).position.distance(ease.from.position);
         let least_s = EASE_SLOPE_MAX * way_m / self.tracking.speed_max;
@@ -224,7 +225,7 @@ impl PoseFilter {
         self.target == Target::Track
     }
 
-    /// Returns when [`Self::advance`] is due next.
+    /// Returns the time at which [`Self::advance`] is due next.
     pub fn poll_timeout(&self) -> Option<Micros> {
         match self.target {
             Target::Rest => None,
@@ -233,7 +234,7 @@ impl PoseFilter {
         }
     }
 
-    /// Returns what happened since the last call.
+    /// Returns the events since the last call.
     pub fn take_events(&mut self) -> Vec<FilterEvent> {
         std::mem::take(&mut self.events)
     }

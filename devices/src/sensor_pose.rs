@@ -1,4 +1,4 @@
-//! Readings of a sensor, and what they say of the viewer's head.
+//! Readings of a sensor, and the poses of the viewer's head that follow from them.
 
 use glam::{DQuat, DVec3};
 use polyptych_wall::device::{HeadTracking, TrackerFrame};
@@ -6,7 +6,7 @@ use polyptych_wall::device::{HeadTracking, TrackerFrame};
 /// A reading of a sensor, in the tracker's own axes and units; finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorPose {
-    /// In units of the tracker.
+    /// The position, in units of the tracker.
     pub position: DVec3,
     /// A unit quaternion that turns the sensor's axes into the tracker's; `None` if it is unknown.
     pub rotation: Option<DQuat>,

@@ -49,7 +49,7 @@ const LENGTH_RANGE: std::ops::RangeInclusive<f64> = 0.9..=1.1;
 /// The fault of a stream, which ends the connection.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum VrpnError {
-    /// It does not begin as a VRPN server of version 7 does.
+    /// The stream does not begin with the cookie of a VRPN server of version 7.
     #[error("it is no VRPN server of version 7")]
     Cookie,
     /// A message is shorter than its head or larger than any.
@@ -79,7 +79,7 @@ pub struct VrpnStream {
 }
 
 impl VrpnStream {
-    /// The stream of a server that is to say where a sensor of this tracker is.
+    /// Creates the stream of a server, of which one sensor of a tracker is read.
     pub fn new(tracker: &str, sensor: i32) -> Self {
         Self {
             tracker: tracker.to_owned(),
@@ -154,7 +154,7 @@ impl VrpnStream {
     }
 }
 
-/// The reading in the body of a report, which is long enough.
+/// Returns the reading in the body of a report of at least [`REPORT_BYTES`].
 fn reading(body: &[u8]) -> VrpnReading {
     let number = |index: usize| {
         let mut bytes = [0; 8];
@@ -169,7 +169,7 @@ fn reading(body: &[u8]) -> VrpnReading {
     Ok(SensorPose { position, rotation: Some(quaternion.normalize()) })
 }
 
-/// The name in a description: its length with the zero at its end, and its bytes.
+/// Returns the name in a description: its length with the zero at its end, then its bytes.
 fn name(body: &[u8]) -> Result<&[u8], VrpnError> {
     let (length, rest) = body.split_first_chunk().ok_or(VrpnError::Name)?;
     let length = usize::try_from(i32::from_be_bytes(*length)).map_err(|_| VrpnError::Name)?;
@@ -178,7 +178,7 @@ fn name(body: &[u8]) -> Result<&[u8], VrpnError> {
     Ok(text.split(|byte| *byte == 0).next().unwrap_or(text))
 }
 
-/// The `i32` at an index of a head or body that has it.
+/// Returns the `i32` at an index of a head or body that is long enough.
 fn integer(bytes: &[u8], index: usize) -> i32 {
     let mut number = [0; 4];
     number.copy_from_slice(&bytes[4 * index..4 * (index + 1)]);

@@ -1,4 +1,4 @@
-//! Trackers, wands and pads as they stand.
+//! The state of trackers, wands and pads.
 
 use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,7 @@ pub struct DeviceStatus {
     /// The device's name in the wall file.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
-    /// Whether readings come.
+    /// The state of its readings.
     pub state: DeviceState,
     /// The time for which it has been in that state, in milliseconds.
     pub since_ms: u64,
@@ -28,7 +28,7 @@ pub struct DeviceStatus {
     pub latency_ms: Quantiles,
 }
 
-/// Whether readings of a device come.
+/// The state of a device's readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DeviceState {

@@ -251,8 +251,8 @@ pub enum Request {
     SetRest(RestRules),
     /// Moves the camera as wands and pads fly it, from the next frame on.
     Fly(Flight),
-    /// Says how devices of the wall file stand that this client reads; they are its own from then
-    /// on until its connection ends.
+    /// Reports the state of the devices of the wall file that this client reads; they belong to the
+    /// client until its connection ends.
     ReportDevices(Vec<DeviceStatus>),
 }
 

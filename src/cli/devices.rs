@@ -36,7 +36,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })
 }
 
-/// A device as it stands, as one line.
+/// Returns the state of a device as one line.
 pub(super) fn line(status: &DeviceStatus) -> String {
     let mut line = format!("device {}: {}", status.name, status.state.name());
     if status.state == DeviceState::Live {

@@ -8,7 +8,7 @@ use super::document::DeviceKind;
 /// Maximum number of an OSC message's argument.
 const ARGUMENT_MAX: u16 = 63;
 
-/// A control of this kind of device; what is wrong with it, and the remedy.
+/// Returns the control that a text names; the error is the fault and the remedy.
 pub(super) fn control(kind: DeviceKind, text: &str) -> Result<Control, (String, String)> {
     let (is_negative, name) = match text.strip_prefix('-') {
         Some(name) => (true, name),

@@ -1,4 +1,4 @@
-//! Trackers, wands and pads of a wall: where their readings come from, and what they mean in
+//! Trackers, wands and pads of a wall: the sources of their readings, and the meaning of these in
 //! display space.
 
 use glam::{DMat3, DQuat, DVec3};
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// A tracker, a wand or a pad.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Device {
-    /// Unique in the wall.
+    /// The name, unique in the wall.
     pub name: String,
     /// The origin of its readings.
     pub source: DeviceSource,
@@ -66,7 +66,7 @@ impl DeviceSource {
 pub struct SignedAxis {
     /// 0 to 2: x, y or z.
     pub index: u8,
-    /// Whether the opposite direction is meant.
+    /// `true` for the opposite direction.
     pub is_negative: bool,
 }
 
@@ -143,7 +143,7 @@ pub enum RotationForm {
     Euler {
         /// The axes that are turned about.
         order: EulerOrder,
-        /// Whether angles are in degrees; otherwise in radians.
+        /// `true` if angles are in degrees, `false` if in radians.
         is_degrees: bool,
     },
 }
@@ -206,7 +206,7 @@ pub struct HeadTracking {
 pub struct Control {
     /// The value.
     pub input: ControlInput,
-    /// Whether its sign is reversed.
+    /// `true` if the sign of the value is reversed.
     pub is_negative: bool,
 }
 

@@ -18,7 +18,7 @@ const BRIDGE_GONE: &str = "its bridge has left; run polyptych devices WALL.toml"
 /// A device and the client that reads it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct DeviceEntry {
-    /// As reported at `at`.
+    /// The last report, which came at `at`.
     status: DeviceStatus,
     at: Micros,
     client: Option<SessionId>,
@@ -31,7 +31,7 @@ pub(super) struct Devices {
 }
 
 impl Devices {
-    /// The devices of a wall that no client reads yet.
+    /// Creates the devices of a wall, which no client reads yet.
     pub fn new(wall: &Wall) -> Self {
         let entry = |name: &str| DeviceEntry {
             status: DeviceStatus::waiting(name, UNREAD),
@@ -89,7 +89,7 @@ impl Devices {
 }
 
 impl Cluster {
-    /// A client says how devices stand that it reads: all of it or nothing.
+    /// Handles a client's report of the devices that it reads; applies all of it or nothing.
     ///
     /// # Errors
     /// A device that the wall file does not have, or that another client reads.
@@ -117,7 +117,7 @@ impl Cluster {
         Ok(())
     }
 
-    /// A client's connection has ended; nobody reads its devices any more.
+    /// Marks the devices of a client as lost: its connection has ended.
     pub(super) fn lose_devices(&mut self, now: Micros, client: SessionId) {
         for place in 0..self.devices.entries.len() {
             let entry = &self.devices.entries[place];

@@ -33,7 +33,7 @@ const PAN_DEPTH_MIN: f64 = 0.05;
 /// Time after a move at which the camera is persisted; until then others may follow.
 pub(super) const REMEMBER_WAIT: Micros = 500_000;
 
-/// Who may move the camera, about what, and what is still to be persisted.
+/// The permission to move the camera by mouse, the pivot, and moves that are not persisted yet.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Navigator {
     is_allowed: bool,
@@ -48,10 +48,10 @@ pub(super) struct Navigator {
 /// A channel's picture in display space.
 #[derive(Clone, Copy, Debug)]
 struct Picture {
-    /// Along its width and height, in metres, at the depth of the screen.
+    /// The vector along its width, in metres at the depth of the screen; `down` along its height.
     right: DVec3,
     down: DVec3,
-    /// From the eye to its middle, in metres.
+    /// The distance from the eye to its middle, in metres.
     distance_m: f64,
 }
 
@@ -84,12 +84,12 @@ impl Picture {
 }
 
 impl Cluster {
-    /// Says whether the mouse over windows moves the camera.
+    /// Sets whether the mouse over windows moves the camera.
     pub fn set_navigable(&mut self, is_navigable: bool) {
         self.navigator.is_allowed = is_navigable;
     }
 
-    /// The mouse over a window of this server moves the camera, from the next frame on.
+    /// Moves the camera by the mouse over a window of this server, from the next frame on.
     pub(super) fn handle_navigation(
         &mut self,
         now: Micros,
@@ -114,7 +114,7 @@ impl Cluster {
         self.advance_frame(now);
     }
 
-    /// A wand or a pad moves the camera, from the next frame on.
+    /// Moves the camera by a wand or a pad, from the next frame on.
     ///
     /// # Errors
     /// A move that leads to where no camera can be.

@@ -18,7 +18,7 @@ use crate::logging;
 /// Pause between two attempts to reach a manager that has not been there yet.
 const CONNECT_PAUSE: Duration = Duration::from_secs(1);
 
-/// Period of lines that say how devices stand.
+/// Period of lines with the state of devices.
 const SUMMARY_PERIOD: Duration = Duration::from_secs(10);
 
 /// Time for which a request waits for a connection: what it says is old by then.

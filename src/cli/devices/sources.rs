@@ -31,13 +31,13 @@ const SILENCE_MAX: Duration = Duration::from_secs(10);
 /// Size of what is read of a stream at once, in bytes.
 const READ_BYTES: usize = 16_384;
 
-/// Something of the device with this index.
+/// A reading or an event of the device with this index.
 pub struct Reading {
     pub device: usize,
     pub what: ReadingKind,
 }
 
-/// What a device, or its system, says.
+/// The kind of a reading or an event.
 pub enum ReadingKind {
     /// A UDP packet and its sender.
     Packet(SocketAddr, Vec<u8>),
@@ -53,7 +53,7 @@ pub enum ReadingKind {
     Failed(String),
 }
 
-/// Opens all devices of a wall; what they say comes out of the receiver.
+/// Opens all devices of a wall. The receiver returns their readings.
 ///
 /// # Errors
 /// An address that cannot be listened to. A pad may be plugged in later.
@@ -126,7 +126,7 @@ async fn read_vrpn(
 /// Reads until the bridge has ended.
 ///
 /// # Errors
-/// Why the connection is over.
+/// The reason for which the connection ended.
 async fn read_vrpn_once(
     server: &str,
     mut stream: VrpnStream,
