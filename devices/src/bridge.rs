@@ -49,6 +49,8 @@ pub struct Bridge {
     meter: LatencyMeter,
     /// The last head that was sent, and the newest reading in it.
     sent: Option<(HeadSample, Option<Micros>)>,
+    /// The newest reading in a head that was sent, to this manager or to one before.
+    measured: Option<Micros>,
     /// `true` if the last head was part of a movement without readings: the head at its end is
     /// still to be sent.
     is_settling: bool,
@@ -76,6 +78,7 @@ impl Bridge {
             pacer: HeadPacer::default(),
             meter: LatencyMeter::default(),
             sent: None,
+            measured: None,
             is_settling: false,
             flight_waits: false,
             report_waits: false,
@@ -158,6 +161,9 @@ impl Bridge {
     pub fn handle_no_answer(&mut self, purpose: Purpose) {
         self.is_accepted = false;
         (self.reported, self.is_news) = (None, true);
+        if matches!(purpose, Purpose::Head(_)) {
+            self.sent = None;
+        }
         self.finish(purpose);
     }
 
@@ -245,7 +251,8 @@ impl Bridge {
         let filter = reader.filter.as_ref()?;
         let sample = filter.pose(now);
         self.is_settling = filter.is_moving();
-        // Eased and held heads show no new reading.
+        // Heads that are sent again, and those that are held, show no new reading.
+        let is_measured = filter.is_tracked() && self.measured != Some(reading);
         let is_new = self.sent.is_none_or(|(_, of)| of != Some(reading));
         let is_same = self.sent.is_some_and(|(sent, _)| sent == sample);
         self.sent = Some((sample, Some(reading)));
@@ -261,8 +268,9 @@ impl Bridge {
         }
         let rotation = sent_rotation(&self.readers[at], &sample);
         self.pacer.record_sent(now);
+        self.measured = Some(reading);
         let update = HeadUpdate { position: sample.position, rotation, eye_separation_m: None };
-        Some((Some(reading).filter(|_| is_new), update))
+        Some((Some(reading).filter(|_| is_new && is_measured), update))
     }
 
     /// Returns the time of the next call of [`Self::poll_request`], or of [`Self::advance`] without

@@ -315,7 +315,7 @@ fn a_second_bridge_sends_nothing_until_the_first_has_left() {
     let (purpose, _) = bridge.poll_request(4_000_000).expect("a report");
     bridge.handle_answer(4_000_000, purpose, Ok(()));
     let (purpose, _) = bridge.poll_request(4_000_000).expect("a head");
-    assert_eq!(purpose, Purpose::Head(Some(2_990_000)));
+    assert_eq!(purpose, Purpose::Head(None), "the tracker is lost: its reading is too old");
 }
 
 #[test]
@@ -328,4 +328,20 @@ fn flights_that_are_refused_are_told_once_until_one_is_done() {
     assert_eq!([refuse(&mut bridge), refuse(&mut bridge)], [1, 0]);
     bridge.handle_answer(0, Purpose::Flight, Ok(()));
     assert_eq!(refuse(&mut bridge), 1);
+}
+
+#[test]
+fn a_head_without_an_answer_is_sent_again_and_measures_no_latency() {
+    let mut bridge = Bridge::new(&wall());
+    let from = TRACKER.parse().expect("an address");
+    for (now, expected) in [(0, Purpose::Head(Some(0))), (150_000, Purpose::Head(None))] {
+        let (report, _) = bridge.poll_request(now).expect("a report");
+        bridge.handle_answer(now, report, Ok(()));
+        if now == 0 {
+            bridge.handle_packet(now, 0, from, &pose(0.1));
+        }
+        let (head, _) = bridge.poll_request(now).expect("a head");
+        assert_eq!(head, expected);
+        bridge.handle_no_answer(head);
+    }
 }
