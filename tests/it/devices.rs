@@ -218,6 +218,7 @@ fn a_vrpn_tracker_moves_and_turns_the_head() {
     let client = local.client();
     client.start_rendering(Pacing::Rate(RATE)).expect("running");
     let mut process = bridge(&local);
+    process.await_line(&["device dtrack", "answers", "sensor 3 of Tracker0"]);
     wait::until("the head is where the tracker says", || {
         let head = client.presentation().expect("a presentation").head;
         let is_there = head.position.abs_diff_eq(DVec3::new(0.25, 0.1, 0.2), 1e-9);

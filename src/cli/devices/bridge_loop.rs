@@ -151,6 +151,8 @@ fn take(bridge: &mut Bridge, now: Micros, Reading { device, what }: Reading) {
         ReadingKind::Pose(pose) => bridge.handle_pose(now, device, &pose),
         ReadingKind::Damaged(reason) => bridge.handle_damage(now, device, &reason),
         ReadingKind::Opened => bridge.handle_life(now, device),
-        ReadingKind::Failed(reason) => bridge.handle_failure(now, device, &reason),
+        ReadingKind::Silent(reason) | ReadingKind::Failed(reason) => {
+            bridge.handle_failure(now, device, &reason);
+        }
     }
 }

@@ -49,6 +49,8 @@ pub enum ReadingKind {
     Damaged(String),
     /// The device was opened.
     Opened,
+    /// The device answers, but has sent no reading of its sensor yet.
+    Silent(String),
     /// The device cannot be read.
     Failed(String),
 }
@@ -79,7 +81,11 @@ pub async fn open(wall: &Wall) -> anyhow::Result<mpsc::Receiver<Reading>> {
                 let input = device.head.as_ref().map(|head| head.input.clone());
                 if let Some(HeadInput::Vrpn { tracker, sensor }) = input {
                     let stream = VrpnStream::new(&tracker, sensor);
-                    tokio::spawn(read_vrpn(server.clone(), stream, index, to_bridge));
+                    let hint = format!(
+                        "the VRPN server {server} answers; no pose of sensor {sensor} of {tracker} \
+                         has come yet, check both if none does"
+                    );
+                    tokio::spawn(read_vrpn(server.clone(), stream, hint, index, to_bridge));
                 }
             }
         }
@@ -107,11 +113,14 @@ async fn read_packets(socket: UdpSocket, device: usize, to_bridge: mpsc::Sender<
 async fn read_vrpn(
     server: String,
     fresh: VrpnStream,
+    hint: String,
     device: usize,
     to_bridge: mpsc::Sender<Reading>,
 ) {
+    let mut hint = Some(hint);
     loop {
-        let failure = match read_vrpn_once(&server, fresh.clone(), device, &to_bridge).await {
+        let ended = read_vrpn_once(&server, fresh.clone(), &mut hint, device, &to_bridge).await;
+        let failure = match ended {
             Ok(()) => return,
             Err(reason) => format!("the VRPN server {server}: {reason}"),
         };
@@ -123,13 +132,15 @@ async fn read_vrpn(
     }
 }
 
-/// Reads until the bridge has ended.
+/// Reads until the bridge has ended. The hint is given with the first bytes of the server: a
+/// tracker that it does not have sends nothing, and the server does not say so.
 ///
 /// # Errors
 /// The reason for which the connection ended.
 async fn read_vrpn_once(
     server: &str,
     mut stream: VrpnStream,
+    hint: &mut Option<String>,
     device: usize,
     to_bridge: &mpsc::Sender<Reading>,
 ) -> Result<(), String> {
@@ -147,6 +158,12 @@ async fn read_vrpn_once(
             return Err("it has closed the connection".to_owned());
         }
         let readings = stream.read(&buffer[..length]).map_err(|error| error.to_string())?;
+        if let Some(hint) = hint.take() {
+            let what = ReadingKind::Silent(hint);
+            if to_bridge.send(Reading { device, what }).await.is_err() {
+                return Ok(());
+            }
+        }
         for reading in readings {
             let what = reading.map_or_else(ReadingKind::Damaged, ReadingKind::Pose);
             if to_bridge.send(Reading { device, what }).await.is_err() {
