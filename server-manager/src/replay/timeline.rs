@@ -239,6 +239,8 @@ fn is_everyday(request: &Request) -> bool {
         Request::RenderFrame { .. }
             | Request::SetCamera(_)
             | Request::SetHead(_)
+            | Request::Fly(_)
+            | Request::ReportDevices(_)
             | Request::Status
             | Request::DescribeWall
             | Request::Statistics { .. }
