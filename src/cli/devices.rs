@@ -38,19 +38,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// Returns the state of a device as one line.
 pub(super) fn line(status: &DeviceStatus) -> String {
-    let mut line = format!("device {}: {}", status.name, status.state.name());
+    let mut parts = vec![format!("device {}: {}", status.name, status.state.name())];
     if status.state == DeviceState::Live {
-        line += &format!(", {:.0} readings/s", status.rate_hz);
+        parts.push(format!("{:.0} readings/s", status.rate_hz));
     }
-    if let Some(reason) = &status.reason {
-        line += &format!(", {reason}");
-    }
+    parts.extend(status.reason.clone());
     if status.refused > 0 {
-        line += &format!(", {} refused", status.refused);
+        parts.push(format!("{} refused", status.refused));
     }
     let latency = status.latency_ms;
     if latency.count > 0 {
-        line += &format!(", packet to swap {:.1} ms p50, {:.1} ms p99", latency.p50, latency.p99);
+        let (p50, p99) = (latency.p50, latency.p99);
+        parts.push(format!("packet to swap {p50:.1} ms p50, {p99:.1} ms p99"));
     }
-    line
+    parts.join(", ")
 }

@@ -7,6 +7,7 @@ use std::io::{Read, Write};
 use std::net::{TcpListener, UdpSocket};
 use std::path::PathBuf;
 use std::process::Command as Program;
+use std::thread::Builder;
 
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DQuat, DVec3};
@@ -213,7 +214,8 @@ fn a_vrpn_tracker_moves_and_turns_the_head() {
         "[[device]]\nname = \"dtrack\"\nkind = \"vrpn\"\nserver = \"{server}\"\n\
          [device.head]\ntracker = \"Tracker0\"\nsensor = 3\nease_ms = 10\n"
     ));
-    let serving = std::thread::spawn(move || serve_vrpn(&listener));
+    let serving = Builder::new().name("vrpn".into()).spawn(move || serve_vrpn(&listener));
+    let serving = serving.expect("a thread");
     let local = LocalWall::manager(TestDir::new(), &wall, &[], ANY_PORT);
     let client = local.client();
     client.start_rendering(Pacing::Rate(RATE)).expect("running");

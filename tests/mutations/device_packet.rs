@@ -63,7 +63,7 @@ fn seeds() -> Vec<Vec<u8>> {
         \0\0\0\x03abc\0";
     vec![
         bundle(&[position.clone(), rotation.clone()]),
-        bundle(&[bundle(&[position.clone()]), all.to_vec()]),
+        bundle(&[bundle(std::slice::from_ref(&position)), all.to_vec()]),
         floats("/s", &[0.0, 0.5]),
         position,
         rotation,
@@ -140,7 +140,8 @@ fn damaged_streams_of_vrpn_end_or_give_finite_poses() {
         for part in bytes.chunks(rng.usize(1..200)) {
             let Ok(readings) = stream.read(part) else { break };
             for pose in readings.into_iter().flatten() {
-                assert!(pose.position.is_finite() && pose.rotation.is_some_and(|r| r.is_finite()));
+                let turn = pose.rotation.expect("VRPN has rotations");
+                assert!(pose.position.is_finite() && turn.is_finite(), "{number}");
                 poses += 1;
             }
         }
