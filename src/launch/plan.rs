@@ -45,7 +45,8 @@ pub(crate) struct ServerPlace<'p> {
 /// The processes of one machine.
 #[derive(Debug, Default)]
 pub(crate) struct Machine<'p> {
-    /// `USER@HOST` or `HOST`, as ssh takes it; `None` for the machine of the command.
+    /// `USER@HOST` or `HOST`, as ssh takes it; `None` for the machine of the command. Several
+    /// users of one machine are one machine: the host is the manager's, else the first server's.
     pub host: Option<&'p str>,
     pub has_manager: bool,
     /// By name.
@@ -146,15 +147,18 @@ impl LaunchPlan {
 
     /// The machines, that of the manager first, then by name; each with its processes.
     pub fn machines(&self) -> Vec<Machine<'_>> {
-        let manager = self.launch.manager_host.as_deref();
         let mut machines: BTreeMap<Option<&str>, Machine<'_>> = BTreeMap::new();
+        let manager = self.launch.manager_host.as_deref();
+        let of_manager = machines.entry(machine_of(manager)).or_default();
+        of_manager.host = machine_of(manager).and(manager);
+        of_manager.has_manager = true;
         for (name, server) in &self.launch.servers {
             let host = server.host.as_deref();
-            machines.entry(host).or_default().servers.push(name);
+            let machine = machines.entry(machine_of(host)).or_default();
+            machine.host = machine.host.or(machine_of(host).and(host));
+            machine.servers.push(name);
         }
-        machines.entry(manager).or_default().has_manager = true;
-        let with_host = |(host, machine)| Machine { host, ..machine };
-        let mut machines: Vec<_> = machines.into_iter().map(with_host).collect();
+        let mut machines: Vec<_> = machines.into_values().collect();
         machines.sort_by_key(|machine| !machine.has_manager);
         machines
     }

@@ -71,8 +71,6 @@ fn put_machine(
     units: &mut UnitFiles,
 ) {
     let place = machine_folder(machine.host);
-    let user = machine.host.and_then(|host| host.rsplit_once('@')).map(|(user, _)| user);
-    let user = user.unwrap_or(USER_DEFAULT);
     let target = format!("{base}.target");
     let program = &plan.launch.program;
     let with_program = |mut words: Vec<String>| {
@@ -90,7 +88,7 @@ fn put_machine(
             description: format!("Manager of the wall {}", plan.wall.name),
             command: with_program(plan.manager_there()),
             environment: &plan.launch.environment,
-            user,
+            user: user_of(plan.launch.manager_host.as_deref()),
             target: &target,
             watchdog_s: MANAGER_WATCHDOG_S,
             start_time_max: "90",
@@ -103,7 +101,7 @@ fn put_machine(
             description: format!("Render server {name} of the wall {}", plan.wall.name),
             command: with_program(plan.server_there(name, address, LaunchOutput::Headless)),
             environment: &server.environment,
-            user,
+            user: user_of(server.host.as_deref()),
             target: &target,
             watchdog_s: SERVER_WATCHDOG_S,
             // It is ready when it has joined, and the manager may come a day later.
@@ -123,6 +121,11 @@ fn put_machine(
         let text = format!("{head}{}", socket_text(plan));
         units.files.push(UnitFile::new(format!("{place}/{base}-manager.socket"), text));
     }
+}
+
+/// The user that a host names, or the one of services.
+fn user_of(host: Option<&str>) -> &str {
+    host.and_then(|host| host.rsplit_once('@')).map_or(USER_DEFAULT, |(user, _)| user)
 }
 
 /// The socket of the manager, which is not started with the target.

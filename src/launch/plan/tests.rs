@@ -72,6 +72,29 @@ fn command_lines_say_what_the_file_does() {
 }
 
 #[test]
+fn users_of_one_machine_share_its_files() {
+    let plan = plan(
+        "[launch]\nkeys = \"/k\"\nmanager = \"me@r\"\naddress = \"r:1\"\n\
+         [server.a]\nhost = \"you@r\"\n[server.b]\nhost = \"root@localhost\"\n",
+    )
+    .expect("a plan");
+    let machines = plan.machines();
+    let summary: Vec<_> =
+        machines.iter().map(|it| (it.host, it.has_manager, it.servers.clone())).collect();
+    assert_eq!(summary, [(Some("me@r"), true, vec!["a"]), (None, false, vec!["b"])]);
+    let units = crate::launch::systemd::units(&plan).expect("units");
+    let text_of = |path: &str| {
+        let file = units.files.iter().find(|file| file.path.to_str() == Some(path));
+        file.unwrap_or_else(|| panic!("no {path}")).text.as_str()
+    };
+    let target = text_of("r/polyptych-w.target");
+    assert!(target.contains("polyptych-w-manager.service polyptych-w-server-a.service"));
+    assert!(text_of("r/polyptych-w-manager.service").contains("User=me\n"));
+    assert!(text_of("r/polyptych-w-server-a.service").contains("User=you\n"));
+    assert!(text_of("here/polyptych-w-server-b.service").contains("User=root\n"));
+}
+
+#[test]
 fn arguments_that_the_command_refuses_are_refused_before_anything_starts() {
     for (lines, parts) in [
         ("[launch]\nmanager_arguments = [\"--htpp\"]\n", ["launch.manager_arguments", "--htpp"]),
