@@ -65,15 +65,18 @@ impl UnitFiles {
 /// The first line of a file that the command writes, as a comment.
 pub(super) fn head(plan: &LaunchPlan, kind: &str) -> String {
     let file = plan.file.file_name().unwrap_or_default().to_string_lossy();
-    format!("# Written by polyptych unit {kind} from {file}.\n")
+    // A name with a line break would end the comment, and the rest would be run.
+    format!("# Written by polyptych unit {kind} from {}.\n", polyptych_text::printable(&file))
 }
 
-/// The folder of a machine's files: its name in letters that every file system takes.
+/// The folder of a machine's files: its name in letters that every file system takes. It is never
+/// hidden, nor a folder above.
 pub(super) fn machine_folder(host: Option<&str>) -> String {
     let Some(host) = host else { return "here".to_owned() };
     let machine = host.rsplit_once('@').map_or(host, |(_, machine)| machine);
     let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
-    machine.trim_matches(['[', ']']).chars().map(plain).collect()
+    let folder: String = machine.trim_matches(['[', ']']).chars().map(plain).collect();
+    if folder.is_empty() || folder.starts_with('.') { format!("_{folder}") } else { folder }
 }
 
 /// A name as a DNS label: lower-case letters, digits and "-", 40 at most. A name that had to be
@@ -111,6 +114,10 @@ mod tests {
         let distinct: std::collections::BTreeSet<_> = labels.iter().collect();
         assert_eq!(distinct.len(), odd.len(), "{labels:?}");
         assert_eq!(machine_folder(Some("me@[fe80::1%eth0]")), "fe80__1_eth0");
+        for above in ["..", "me@[..]", "[]", "."] {
+            let folder = machine_folder(Some(above));
+            assert!(folder.starts_with('_'), "{above}: {folder}");
+        }
     }
 
     #[test]
