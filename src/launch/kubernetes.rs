@@ -297,7 +297,9 @@ impl Manifests<'_> {
                 text,
                 "kubectl get secret {name} >/dev/null 2>&1 && exit 0\n\
                  token=$(od -An -N16 -tx1 /dev/urandom | tr -d ' \\n')\n\
-                 kubectl create secret generic {name} --from-literal=token=\"$token\"\n"
+                 # Not as an argument, which every user of this machine could read.\n\
+                 printf %s \"$token\" | \
+                     kubectl create secret generic {name} --from-file=token=/dev/stdin\n"
             );
             return text;
         }

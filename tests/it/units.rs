@@ -216,6 +216,24 @@ fn manifests_and_compose_files_are_yaml_with_what_the_wall_says() {
     place.run(refused).failed(&["launch.keys", "nothing is encrypted"]);
 }
 
+#[test]
+fn a_secret_is_no_argument_of_a_command() {
+    let place = TestDir::new();
+    wall_with(&place, 2, "[launch]\ninsecure = true\n");
+    place.run(["unit", "kubernetes", "wall.toml", "-o", "files"]).succeeded();
+    let kubectl =
+        "#!/bin/sh\n[ \"$1\" != get ] || exit 1\necho \"$*\" >said\ncat /dev/stdin >token\n";
+    script(&place, "bin/kubectl", kubectl);
+    let path = format!("{}:{}", place.path("bin").display(), std::env::var("PATH").expect("one"));
+    let mut made = Command::new("sh");
+    made.arg(place.path("files/secrets.sh")).current_dir(place.folder()).env("PATH", path);
+    assert!(made.status().expect("sh").success());
+    let token = fs::read_to_string(place.path("token")).expect("a token");
+    assert!(token.len() == 32 && token.chars().all(|c| c.is_ascii_hexdigit()), "{token:?}");
+    let said = fs::read_to_string(place.path("said")).expect("arguments");
+    assert!(said.contains("polyptych-small-token") && !said.contains(&token), "{said}");
+}
+
 /// The next message with this word.
 #[track_caller]
 fn hear(socket: &UnixDatagram, word: &str) -> String {
