@@ -47,7 +47,8 @@ pub(crate) fn units(plan: &LaunchPlan) -> anyhow::Result<UnitFiles> {
             None => format!("sudo cp DIR/{place}/* /etc/systemd/system/"),
             Some(host) => {
                 format!(
-                    "scp DIR/{place}/* {host}:  and there: sudo mv polyptych-* /etc/systemd/system/"
+                    "scp DIR/{place}/* {host}:  and there: sudo install -m 644 polyptych-* \
+                     /etc/systemd/system/"
                 )
             }
         };
