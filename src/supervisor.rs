@@ -221,6 +221,7 @@ async fn run_once(shared: &SupervisedChild, stop: &CancellationToken) -> Option<
             Some(status.map_or_else(|error| error.to_string(), |status| status.to_string()))
         }
         () = overdue(shared) => {
+            drop(input);
             end(child).await;
             Some(format!("did not answer within {} s", GATED_TIME_MAX.as_secs()))
         }
