@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 use limit::Budgets;
 use polyptych_text::printable;
 use queue::Queue;
+use serde::de::IgnoredAny;
 use serde_json::json;
 use tracing::field::Field;
 use tracing::{Event, Level, Subscriber};
@@ -174,7 +175,7 @@ pub(crate) fn say_warning(text: &str) {
 pub(crate) fn pass_on(child: &str, line: &str) {
     if !is_json() {
         emit(format!("{child}: {line}\n").as_bytes(), false);
-    } else if line.starts_with('{') {
+    } else if line.starts_with('{') && serde_json::from_str::<IgnoredAny>(line).is_ok() {
         emit(format!("{line}\n").as_bytes(), false);
     } else {
         say_warning(&format!("{child}: {line}"));
