@@ -131,6 +131,11 @@ fn check_launch(source: &SourceText<'_>, section: &LaunchSection) -> Result<(), 
         let what = format!("{:?} is an option, not a program", section.program);
         return Err(source.error("launch.program", what, "write \"polyptych\", or its path"));
     }
+    if section.program.contains('=') {
+        let what =
+            format!("{:?} has a \"=\", and env would take it for a variable", section.program);
+        return Err(source.error("launch.program", what, "write \"polyptych\", or another path"));
+    }
     if section.ssh.is_empty() {
         return Err(source.error("launch.ssh", "the command is empty", "write [\"ssh\"]"));
     }

@@ -42,6 +42,7 @@ fn what_cannot_be_started_is_refused_with_its_key() {
         ("[launch]\nkeys = \"keys\"\n", "10:8: launch.keys: \"keys\" is no absolute path"),
         ("[launch]\nssh = []\n", "10:7: launch.ssh: the command is empty"),
         ("[launch]\nprogram = \"\"\n", "10:11: launch.program: the word is empty"),
+        ("[launch]\nprogram = \"/a=b/p\"\n", "10:11: launch.program: \"/a=b/p\" has a \"=\""),
         (
             "[launch]\nserver_arguments = [\"a\\nb\"]\n",
             "10:21: launch.server_arguments[0]: the word",
