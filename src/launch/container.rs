@@ -45,8 +45,11 @@ pub(crate) fn units(plan: &LaunchPlan, image: &str) -> anyhow::Result<UnitFiles>
     for machine in plan.machines() {
         let mut services = serde_json::Map::new();
         if machine.has_manager {
-            let folder = Path::new(&plan.wall_there()).parent().map(Path::to_owned);
-            let mut mounts = vec![folder.unwrap_or_default().display().to_string()];
+            let wall = plan.wall_there();
+            // A container has a root of its own: of a wall file in the root only the file is there.
+            let folder = Path::new(&wall).parent().filter(|folder| *folder != Path::new("/"));
+            let folder = folder.map(|folder| folder.display().to_string());
+            let mut mounts = vec![folder.unwrap_or_else(|| wall.clone())];
             mounts.extend(plan.wall.scenes.iter().cloned());
             let arguments = plan.manager_there();
             let service = service(plan, image, &arguments, &plan.launch.environment, mounts);
