@@ -50,7 +50,7 @@ pub(crate) fn units(plan: &LaunchPlan, image: &str) -> anyhow::Result<UnitFiles>
             let folder = Path::new(&wall).parent().filter(|folder| *folder != Path::new("/"));
             let folder = folder.map(|folder| folder.display().to_string());
             let mut mounts = vec![folder.unwrap_or_else(|| wall.clone())];
-            mounts.extend(plan.wall.scenes.iter().cloned());
+            mounts.extend(plan.wall.scenes.iter().filter(|scenes| *scenes != "/").cloned());
             let arguments = plan.manager_there();
             let service = service(plan, image, &arguments, &plan.launch.environment, mounts);
             services.insert("manager".to_owned(), service);

@@ -76,7 +76,8 @@ pub(super) fn machine_folder(host: Option<&str>) -> String {
     let machine = host.rsplit_once('@').map_or(host, |(_, machine)| machine);
     let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
     let folder: String = machine.trim_matches(['[', ']']).chars().map(plain).collect();
-    if folder.is_empty() || folder.starts_with('.') { format!("_{folder}") } else { folder }
+    let is_taken = folder.is_empty() || folder.starts_with('.') || folder == "here";
+    if is_taken { format!("_{folder}") } else { folder }
 }
 
 /// A name as a DNS label: lower-case letters, digits and "-", 40 at most. A name that had to be
@@ -114,7 +115,7 @@ mod tests {
         let distinct: std::collections::BTreeSet<_> = labels.iter().collect();
         assert_eq!(distinct.len(), odd.len(), "{labels:?}");
         assert_eq!(machine_folder(Some("me@[fe80::1%eth0]")), "fe80__1_eth0");
-        for above in ["..", "me@[..]", "[]", "."] {
+        for above in ["..", "me@[..]", "[]", ".", "here"] {
             let folder = machine_folder(Some(above));
             assert!(folder.starts_with('_'), "{above}: {folder}");
         }
