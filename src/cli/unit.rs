@@ -6,7 +6,7 @@ use polyptych_text::counted;
 
 use super::say;
 use crate::launch::plan::LaunchPlan;
-use crate::launch::{container, kubernetes, slurm, systemd};
+use crate::launch::{container, kubernetes, shell, slurm, systemd};
 
 /// The image of containers, unless another one is named.
 const IMAGE_DEFAULT: &str = concat!("polyptych:", env!("CARGO_PKG_VERSION"));
@@ -52,8 +52,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let folder = &arguments.output;
     units.write(folder, arguments.force)?;
     say(format_args!("{}: {}; next:", folder.display(), counted(units.files.len(), "file")))?;
+    let place = shell::quoted(&folder.display().to_string());
     for step in &units.steps {
-        let step = step.replace("DIR", &folder.display().to_string());
+        let step = step.replace("{DIR}", &place);
         say(format_args!("  {step}"))?;
     }
     Ok(())

@@ -39,8 +39,11 @@ pub(crate) fn units(plan: &LaunchPlan, image: &str) -> anyhow::Result<UnitFiles>
     let head = head(plan, "container");
     let mut files = vec![UnitFile::new("Containerfile", head.clone() + &containerfile())];
     let mut steps = vec![
-        "cp $(command -v polyptych) DIR/   (the program goes into the image)".to_owned(),
-        format!("podman build -t {image} DIR   (or docker build -f DIR/Containerfile)"),
+        "cp $(command -v polyptych) {DIR}/   (the program goes into the image)".to_owned(),
+        format!(
+            "podman build -t {image} {{DIR}}   (or docker build -t {image} -f \
+             {{DIR}}/Containerfile {{DIR}})"
+        ),
     ];
     for machine in plan.machines() {
         let mut services = serde_json::Map::new();
@@ -79,7 +82,7 @@ pub(crate) fn units(plan: &LaunchPlan, image: &str) -> anyhow::Result<UnitFiles>
             format!("{place}/compose.yaml"),
             head.clone() + &to_yaml(&compose),
         ));
-        steps.push(format!("{place}: podman compose -f DIR/{place}/compose.yaml up -d"));
+        steps.push(format!("{place}: podman compose -f {{DIR}}/{place}/compose.yaml up -d"));
     }
     Ok(UnitFiles { files, steps })
 }

@@ -48,8 +48,8 @@ pub(crate) fn units(plan: &LaunchPlan, image: &str) -> anyhow::Result<UnitFiles>
     files.push(UnitFile::script("secrets.sh", wall.secrets(&head)));
     let argument = if plan.launch.keys.is_some() { " KEYS" } else { "" };
     let steps = vec![
-        format!("sh DIR/secrets.sh{argument}   (KEYS: the folder that polyptych keys made)"),
-        "kubectl apply -f DIR".to_owned(),
+        format!("sh {{DIR}}/secrets.sh{argument}   (KEYS: the folder that polyptych keys made)"),
+        "kubectl apply -f {DIR}".to_owned(),
     ];
     Ok(UnitFiles { files, steps })
 }

@@ -23,7 +23,7 @@ pub(crate) fn units(plan: &LaunchPlan) -> anyhow::Result<UnitFiles> {
         return Err(plan.fault("network.listen", what));
     }
     let name = format!("polyptych-{}.sh", plan.wall.name);
-    let steps = vec![format!("sbatch DIR/{name}   (scancel ends it)")];
+    let steps = vec![format!("sbatch {{DIR}}/{name}   (scancel ends it)")];
     let files = vec![UnitFile::script(name, script(plan, port))];
     Ok(UnitFiles { files, steps })
 }

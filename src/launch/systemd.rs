@@ -44,10 +44,10 @@ pub(crate) fn units(plan: &LaunchPlan) -> anyhow::Result<UnitFiles> {
         put_machine(plan, &machine, &address, &base, &mut units);
         let place = machine_folder(machine.host);
         let copy = match machine.host {
-            None => format!("sudo cp DIR/{place}/* /etc/systemd/system/"),
+            None => format!("sudo cp {{DIR}}/{place}/* /etc/systemd/system/"),
             Some(host) => {
                 format!(
-                    "scp DIR/{place}/* {host}:  and there: sudo install -m 644 polyptych-* \
+                    "scp {{DIR}}/{place}/* {host}:  and there: sudo install -m 644 polyptych-* \
                      /etc/systemd/system/"
                 )
             }

@@ -35,7 +35,7 @@ impl UnitFile {
 #[derive(Debug, Default)]
 pub(crate) struct UnitFiles {
     pub files: Vec<UnitFile>,
-    /// Lines that say how they are used, with `DIR` for the folder.
+    /// Lines that say how they are used, with `{DIR}` for the folder.
     pub steps: Vec<String>,
 }
 
