@@ -46,13 +46,13 @@ impl EmbeddedImage {
         Ok(Self::new("image/jpeg", &bytes, image))
     }
 
-    /// A picture of which every level counts.
+    /// A picture of which every level counts: no pixel is darker than what it stands for.
     ///
     /// # Errors
-    /// What the encoder says, of a picture without pixels.
+    /// The encoder's error for a picture without pixels.
     pub fn exact(image: &RgbaImage) -> anyhow::Result<Self> {
         let mut bytes = Cursor::new(Vec::new());
-        shrunk(image).write_to(&mut bytes, ImageFormat::Png)?;
+        brightest(image).write_to(&mut bytes, ImageFormat::Png)?;
         Ok(Self::new("image/png", &bytes.into_inner(), image))
     }
 
@@ -90,15 +90,34 @@ impl EmbeddedImage {
     }
 }
 
-/// A picture that is no longer than [`SIDE_MAX`].
+/// Returns width and height of a picture in a page, of which none is larger than [`SIDE_MAX`].
+fn shrunk_size(image: &RgbaImage) -> [u32; 2] {
+    let longest = image.width().max(image.height()).max(SIDE_MAX);
+    let part = |side: u32| u64::from(side) * u64::from(SIDE_MAX) / u64::from(longest);
+    [image.width(), image.height()].map(|side| (part(side) as u32).max(side.min(1)))
+}
+
+/// Returns a picture no larger than [`SIDE_MAX`], whose pixels are means.
 fn shrunk(image: &RgbaImage) -> RgbaImage {
-    let longest = image.width().max(image.height());
-    if longest <= SIDE_MAX {
+    let [width, height] = shrunk_size(image);
+    if [width, height] == [image.width(), image.height()] {
         return image.clone();
     }
-    let part = |side: u32| (u64::from(side) * u64::from(SIDE_MAX) / u64::from(longest)).max(1);
-    let [width, height] = [image.width(), image.height()].map(|side| part(side) as u32);
     image::imageops::resize(image, width, height, FilterType::Triangle)
+}
+
+/// Returns a picture no larger than [`SIDE_MAX`], whose pixels are maxima: a mean would hide a
+/// difference of a single pixel.
+fn brightest(image: &RgbaImage) -> RgbaImage {
+    let [width, height] = shrunk_size(image);
+    let part = |at: u32, from: u32, to: u32| u64::from(at) * u64::from(to) / u64::from(from);
+    let mut small = RgbaImage::new(width, height);
+    for (x, y, pixel) in image.enumerate_pixels() {
+        let at = [part(x, image.width(), width), part(y, image.height(), height)];
+        let most = small.get_pixel_mut(at[0] as u32, at[1] as u32);
+        most.0 = std::array::from_fn(|channel| most.0[channel].max(pixel.0[channel]));
+    }
+    small
 }
 
 /// Bytes as text: RFC 4648, §4.
@@ -128,6 +147,18 @@ mod tests {
         for (bytes, text) in cases {
             assert_eq!(base64(bytes.as_bytes()), text);
         }
+    }
+
+    #[test]
+    fn a_difference_of_one_pixel_is_as_bright_in_a_smaller_picture() {
+        let mut image = RgbaImage::from_pixel(4001, 5, image::Rgba([0, 0, 0, 255]));
+        image.put_pixel(4000, 4, image::Rgba([0, 31, 0, 255]));
+        let small = brightest(&image);
+        assert_eq!(small.dimensions(), (1600, 1));
+        assert_eq!(small.get_pixel(1599, 0).0, [0, 31, 0, 255]);
+        assert_eq!(small.get_pixel(1598, 0).0, [0, 0, 0, 255]);
+        assert_eq!(brightest(&RgbaImage::new(7, 3)).dimensions(), (7, 3));
+        EmbeddedImage::exact(&image).expect("a picture");
     }
 
     #[test]
