@@ -207,16 +207,17 @@ async fn run_once(shared: &SupervisedChild, stop: &CancellationToken) -> Option<
     });
     // Held here: waiting for a child closes the input that it still has.
     let input = child.stdin.take();
-    if let Some(output) = child.stdout.take() {
-        tokio::spawn(read_output(output, shared.clone(), permit));
-    }
+    let output = child.stdout.take();
+    let output = output.map(|output| tokio::spawn(read_output(output, shared.clone(), permit)));
     let errors = child.stderr.take();
     let errors = errors.map(|errors| tokio::spawn(read_errors(errors, shared.clone())));
     tokio::select! {
         status = child.wait() => {
-            if let Some(errors) = errors {
-                // Then its last words are those that have come.
-                let _ = tokio::time::timeout(LAST_WORDS_TIME_MAX, errors).await;
+            for mut reader in [output, errors].into_iter().flatten() {
+                // Then its last words are those that have come, and others may start.
+                if tokio::time::timeout(LAST_WORDS_TIME_MAX, &mut reader).await.is_err() {
+                    reader.abort();
+                }
             }
             Some(status.map_or_else(|error| error.to_string(), |status| status.to_string()))
         }

@@ -71,6 +71,17 @@ fn children_behind_a_gate_start_one_after_the_other() {
 }
 
 #[test]
+fn a_gate_opens_although_children_of_an_ended_child_hold_its_output() {
+    let gate = Some(Arc::new(Semaphore::new(1)));
+    let (supervisor, _said) = start(vec![ChildCommand { gate, ..child("a", "sleep 20 & exit 3") }]);
+    let deadline = Instant::now() + Duration::from_secs(15);
+    while supervisor.states()[0].restarts < 2 {
+        assert!(Instant::now() < deadline, "{:?}", supervisor.states());
+        std::thread::yield_now();
+    }
+}
+
+#[test]
 fn a_line_without_end_is_cut_and_what_cannot_start_is_told() {
     let script = "head -c 20000 /dev/zero | tr '\\0' x; echo; echo short; read -r _";
     let missing = ChildCommand { program: "/no/such/program".into(), ..child("m", "") };
