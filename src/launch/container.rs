@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use polyptych_tls::NodeIdentity;
 use polyptych_wall_file::LaunchOutput;
 use serde_json::{Value, json};
 
@@ -54,19 +55,21 @@ pub(crate) fn units(plan: &LaunchPlan, image: &str) -> anyhow::Result<UnitFiles>
             let folder = folder.map(|folder| folder.display().to_string());
             let mut mounts = vec![folder.unwrap_or_else(|| wall.clone())];
             mounts.extend(plan.wall.scenes.iter().filter(|scenes| *scenes != "/").cloned());
+            mounts.extend(plan.keys_of(&NodeIdentity::Manager));
             let arguments = plan.manager_there();
-            let service = service(plan, image, &arguments, &plan.launch.environment, mounts);
+            let service = service(image, &arguments, &plan.launch.environment, mounts);
             services.insert("manager".to_owned(), service);
         }
         for name in &machine.servers {
             let server = &plan.launch.servers[*name];
             let arguments = plan.server_there(name, &address, LaunchOutput::Headless);
-            let mut mounts = Vec::new();
+            let keys = plan.keys_of(&NodeIdentity::Server((*name).to_owned()));
+            let mut mounts: Vec<String> = keys.into_iter().collect();
             if server.environment.contains_key("DISPLAY") {
                 mounts.push(X_SOCKETS.to_owned());
             }
             mounts.extend(server.environment.get("XAUTHORITY").cloned());
-            let mut service = service(plan, image, &arguments, &server.environment, mounts);
+            let mut service = service(image, &arguments, &server.environment, mounts);
             if server.output.is_some_and(|output| output != LaunchOutput::Headless) {
                 service["devices"] = json!(["/dev/dri"]);
             }
@@ -89,17 +92,15 @@ pub(crate) fn units(plan: &LaunchPlan, image: &str) -> anyhow::Result<UnitFiles>
 
 /// A process on the network of its machine, so that addresses are those of the wall file.
 fn service(
-    plan: &LaunchPlan,
     image: &str,
     arguments: &[String],
     environment: &BTreeMap<String, String>,
-    mounts: Vec<String>,
+    mut mounts: Vec<String>,
 ) -> Value {
     // Compose replaces variables in values.
     let literal = |text: &str| text.replace('$', "$$");
     let mut volumes =
         vec!["state:/var/lib/polyptych".to_owned(), "cache:/var/cache/polyptych".to_owned()];
-    let mut mounts: Vec<String> = mounts.into_iter().chain(plan.launch.keys.clone()).collect();
     mounts.sort_unstable();
     mounts.dedup();
     volumes.extend(mounts.iter().map(|path| literal(&format!("{path}:{path}:ro"))));

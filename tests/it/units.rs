@@ -208,6 +208,8 @@ fn manifests_and_compose_files_are_yaml_with_what_the_wall_says() {
     let service = &compose[0]["services"]["server-front-2-1"];
     assert_eq!(service["network_mode"], "host");
     assert_eq!(service["restart"], "on-failure:5");
+    // Of all keys a container has its own.
+    assert_eq!(service["volumes"][2], "/etc/k/server-front-2-1:/etc/k/server-front-2-1:ro");
     let image = fs::read_to_string(place.path("container/Containerfile")).expect("a file");
     assert!(image.contains("COPY polyptych") && image.contains("ENTRYPOINT"), "{image}");
     // Without keys a cluster's network is told of everything.
