@@ -22,47 +22,48 @@ use tokio_util::sync::CancellationToken;
 pub(crate) use restarts::RestartPolicy;
 use restarts::Restarts;
 
-/// How long a child may take to end by itself when it is asked to.
+/// Maximum time for a child to end by itself when it is asked to.
 const END_TIME_MAX: Duration = Duration::from_secs(2);
 
-/// Longest beginning of a start behind a gate: others wait for it.
+/// Maximum time for the beginning of a start behind a gate: others wait for it.
 const GATED_TIME_MAX: Duration = Duration::from_secs(30);
 
-/// Longest line of a child that is read; the rest of a longer one is dropped.
+/// Maximum bytes of a line of a child that are read; the rest of a longer one is dropped.
 const LINE_BYTES_MAX: u64 = 4096;
 
-/// Lines of a child's standard error that are kept to say why it ended.
+/// Maximum number of lines of a child's standard error that are kept to say why it ended.
 const LAST_LINES_MAX: usize = 3;
 
-/// Longest wait for the last lines of a child that has ended: its own children may hold the pipe
+/// Maximum wait for the last lines of a child that has ended: its own children may hold the pipe
 /// open.
 const LAST_WORDS_TIME_MAX: Duration = Duration::from_millis(200);
 
-/// How a child is started.
+/// The command that starts a child, and what its supervisor reads of it.
 #[derive(Clone, Debug)]
 pub(crate) struct ChildCommand {
     pub name: String,
     pub program: PathBuf,
     pub arguments: Vec<OsString>,
     pub environment: Vec<(OsString, OsString)>,
-    /// Limits how many children of one kind are at the beginning of their start: it ends with the
-    /// first line on standard output, with the child, or after [`GATED_TIME_MAX`] with its end.
+    /// Limits the number of children that are at the beginning of their start. It ends with the
+    /// first line on standard output or with the child, which is ended after [`GATED_TIME_MAX`].
     pub gate: Option<Arc<Semaphore>>,
-    /// Its standard error goes to [`OnLine`]; otherwise to that of this process.
+    /// `true` if its standard error goes to [`OnLine`]; otherwise to that of this process.
     pub reports_errors: bool,
 }
 
-/// What has become of a child so far.
+/// The state of a child.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ChildState {
     pub name: String,
     pub pid: Option<u32>,
     pub restarts: u64,
-    /// How it ended the last time.
+    /// The way in which it ended the last time.
     pub last_end: Option<String>,
     /// The last lines of its standard error since it was started.
     pub last_lines: VecDeque<String>,
-    /// Since when it runs, counted from its first line on standard output where it has a gate.
+    /// The time since which it runs, or that of its first line on standard output if it has a gate;
+    /// `None` while it does not run.
     pub begun: Option<Instant>,
     /// The time of its next start, if it has ended.
     pub next_start: Option<Instant>,
@@ -117,7 +118,7 @@ impl Supervisor {
         Ok(Self { states, stop, thread: Some(thread) })
     }
 
-    /// What has become of the children so far.
+    /// Returns the present states of the children.
     pub fn states(&self) -> Vec<ChildState> {
         self.states.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -234,7 +235,7 @@ async fn run_once(shared: &SupervisedChild, stop: &CancellationToken) -> Option<
     }
 }
 
-/// Ready when the beginning of a start has taken too long; never without a gate.
+/// Returns when the beginning of a start has taken too long; never without a gate.
 async fn overdue(shared: &SupervisedChild) {
     if shared.command.gate.is_none() {
         return std::future::pending().await;

@@ -24,17 +24,17 @@ const SOCKET_VARIABLE: &str = "NOTIFY_SOCKET";
 const WATCHDOG_VARIABLE: &str = "WATCHDOG_USEC";
 const WATCHDOG_PID_VARIABLE: &str = "WATCHDOG_PID";
 
-/// Signs of life in the time that the service manager grants: one or two may be lost.
+/// Number of signs of life in the time that the service manager grants: one or two may be lost.
 const SIGNS_PER_WATCHDOG: u32 = 3;
 
-/// Time between two signs of life where no watchdog asks for them more often: a status line that
-/// a person reads is as old as this at most.
+/// Maximum time between two signs of life, without a watchdog too: a status line that a person
+/// reads is not older.
 const PERIOD_MAX: Duration = Duration::from_secs(2);
 
-/// A watchdog that asks more often would be heard of in every frame.
+/// Minimum time between two signs of life: more often, they would be work in every frame.
 const PERIOD_MIN: Duration = Duration::from_millis(10);
 
-/// Longest status, in bytes: one line of `systemctl status`.
+/// Maximum bytes of a status: one line of `systemctl status`.
 const STATUS_BYTES_MAX: usize = 200;
 
 /// The states of a process in its file.
@@ -73,7 +73,7 @@ pub struct ServiceNotifier {
     status: Mutex<Status>,
 }
 
-/// The last status, and whether it was taken.
+/// The last status, which may not have been taken yet.
 #[derive(Debug, Default)]
 struct Status {
     text: String,
@@ -194,7 +194,7 @@ impl ServiceNotifier {
         }
     }
 
-    /// Returns whether the message was taken, or there is nobody to take one.
+    /// Returns whether the message was taken, or there is no socket for one.
     fn send(&self, message: &str) -> bool {
         let Some((socket, to)) = &self.socket else { return true };
         socket.send_to_addr(message.as_bytes(), to).is_ok()

@@ -33,7 +33,7 @@ use crate::render_event::RenderEvent;
 use crate::render_thread::RenderTask;
 use crate::run::{ServerError, ServerOptions, Shutdown};
 
-/// First and longest wait before another try. The first is short: a restarted manager should find
+/// First and maximum wait before another try. The first is short: a restarted manager should find
 /// its wall again at once; the longest keeps a dark wall from flooding a manager that starts.
 const RETRY_FIRST: Duration = Duration::from_millis(50);
 const RETRY_LONGEST: Duration = Duration::from_secs(2);
@@ -45,7 +45,7 @@ const LAST_WORDS_TIME_MAX: Duration = Duration::from_millis(200);
 /// Maximum time for sending a goodbye: the next connection waits for it.
 const GOODBYE_TIME_MAX: Duration = Duration::from_millis(50);
 
-/// Why there is no connection.
+/// The reason why there is no connection.
 #[derive(Debug, thiserror::Error)]
 enum End {
     /// No manager answers at the address.
@@ -132,7 +132,7 @@ pub(crate) fn run(
 }
 
 /// Has the render thread tell the supervisor, once a period, that it works: the sign goes through
-/// both threads, so that it stays away when either hangs. Never ready.
+/// both threads, so that it stays away when either hangs. It never returns.
 async fn show_life(notifier: Option<&Arc<ServiceNotifier>>, jobs: &Sender<RenderTask>) {
     let Some(notifier) = notifier else { return std::future::pending().await };
     let mut period = tokio::time::interval(notifier.period());

@@ -21,18 +21,18 @@ use crate::logging;
 use crate::simulator::local_wall::INTERRUPTED;
 use crate::supervisor::{ChildLine, OnLine, RestartPolicy, Supervisor};
 
-/// Between two looks at all processes: a person sees a change at once.
+/// Time between two looks at all processes: a person sees a change at once.
 const LOOK_PERIOD: Duration = Duration::from_millis(100);
 
-/// A process that ends is back within two seconds, of which a login takes up to one; a host that is
-/// off is tried twice a minute.
+/// Waits before restarts: a process that ends is back within two seconds, of which a login takes up
+/// to one, and a host that is off is tried twice a minute.
 const RESTARTS: RestartPolicy = RestartPolicy {
     first: Duration::from_millis(100),
     longest: Duration::from_secs(30),
     steady: Duration::from_secs(5),
 };
 
-/// The ends of this command that wait to be heard: one is enough.
+/// Maximum number of reasons to end that wait to be heard: the first one counts.
 const ENDS_MAX: usize = 4;
 
 /// The manager and the servers of the wall run on the machines that [launch] and [server.NAME] of
@@ -108,7 +108,7 @@ fn next_end(ended: &Receiver<End>) -> Option<End> {
     }
 }
 
-/// The processes, in the order of their commands.
+/// Returns the processes, in the order of their commands.
 fn nodes(plan: &LaunchPlan) -> Vec<Node> {
     let machine = |host: Option<&str>| machine_of(host).or(host).unwrap_or("here").to_owned();
     let manager = Node {
@@ -136,7 +136,7 @@ fn client_address(arguments: &Arguments, plan: &LaunchPlan, address: &str) -> Ma
     }
 }
 
-/// Hears what processes write.
+/// Returns the callback for lines of processes: it passes errors on, and hears the manager end.
 fn on_line(ends: SyncSender<End>) -> OnLine {
     Arc::new(move |line: ChildLine<'_>| {
         if line.is_error {
@@ -171,7 +171,7 @@ struct Show {
     is_json: bool,
     began: Instant,
     changes: Changes,
-    /// All were live at the last look.
+    /// `true` if all processes were live at the last look.
     is_whole: bool,
 }
 

@@ -24,7 +24,7 @@ const ALIVE: &str = "/run/polyptych/alive";
 /// server's render thread for half a minute.
 const SILENCE_MAX_S: u32 = 90;
 
-/// Largest wall file that a ConfigMap takes, with room for the rest of it.
+/// Maximum bytes of a wall file that a ConfigMap takes, with room for the rest of it.
 const CONFIG_BYTES_MAX: usize = 1_000_000;
 
 /// The manifests of a wall, for containers of this image.
@@ -57,7 +57,7 @@ pub(crate) fn units(plan: &LaunchPlan, image: &str) -> anyhow::Result<UnitFiles>
 struct Manifests<'p> {
     plan: &'p LaunchPlan,
     image: &'p str,
-    /// Begins the names of all objects.
+    /// The beginning of the names of all objects.
     base: String,
 }
 
@@ -188,7 +188,8 @@ impl Manifests<'_> {
         })
     }
 
-    /// One process: the old one ends before a new one starts, since two would be one too many.
+    /// The deployment of one process. The old process ends before a new one starts, since two must
+    /// not run at once.
     fn deployment(&self, pod: Pod<'_>) -> Value {
         let labels = self.labels(&pod.role);
         // A reference to a variable is replaced in these texts.

@@ -49,7 +49,7 @@ pub(crate) struct Machine<'p> {
     /// users of one machine are one machine: the host is the manager's, else the first server's.
     pub host: Option<&'p str>,
     pub has_manager: bool,
-    /// By name.
+    /// The names of its servers, in order.
     pub servers: Vec<&'p str>,
 }
 
@@ -145,7 +145,7 @@ impl LaunchPlan {
         self.server_arguments(name, place)
     }
 
-    /// The machines, that of the manager first, then by name; each with its processes.
+    /// Returns the machines with their processes: that of the manager first, then by name.
     pub fn machines(&self) -> Vec<Machine<'_>> {
         let mut machines: BTreeMap<Option<&str>, Machine<'_>> = BTreeMap::new();
         let manager = self.launch.manager_host.as_deref();
@@ -163,8 +163,8 @@ impl LaunchPlan {
         machines
     }
 
-    /// The address at which all servers reach the manager, where each runs on the machine that the
-    /// file names.
+    /// Returns the address at which all servers reach the manager if each runs on the machine that
+    /// the file names.
     ///
     /// # Errors
     /// There is none, or nothing may go over the network to it; with the key to write.
@@ -254,7 +254,7 @@ fn put_trust(words: &mut Vec<String>, keys: Option<&str>, is_insecure: bool) {
     }
 }
 
-/// The machine without the user; `None` for the one of the command, by whatever name.
+/// Returns the machine without the user; `None` for the one of the command, by any of its names.
 pub(crate) fn machine_of(host: Option<&str>) -> Option<&str> {
     let host = host?;
     let machine = host.rsplit_once('@').map_or(host, |(_, machine)| machine);

@@ -52,7 +52,7 @@ pub(crate) struct NodeReport {
     pub state: NodeState,
     /// The reason why it is not live.
     pub reason: Option<String>,
-    /// Times that it was started again.
+    /// The number of times that it was started again.
     pub restarts: u64,
     /// The process on this machine: that of ssh for one on another machine.
     pub pid: Option<u32>,

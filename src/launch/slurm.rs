@@ -10,7 +10,7 @@ use super::plan::{LaunchPlan, ManagerPlace, ServerPlace, machine_of};
 use super::shell::{line, quoted};
 use super::unit_file::{UnitFile, UnitFiles, head};
 
-/// Stand for what the script knows when it runs.
+/// Placeholders for addresses that the script knows when it runs.
 const LISTEN: &str = "@LISTEN@";
 const MANAGER: &str = "@MANAGER@";
 

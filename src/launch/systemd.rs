@@ -9,17 +9,17 @@ use polyptych_wall_file::LaunchOutput;
 use super::plan::{LaunchPlan, Machine};
 use super::unit_file::{UnitFile, UnitFiles, head, machine_folder};
 
-/// Longest silence of the manager's loop, in seconds: it never waits for disks or peers.
+/// Maximum silence of the manager's loop, in seconds: it never waits for disks or peers.
 const MANAGER_WATCHDOG_S: u32 = 30;
 
-/// Longest silence of a server's threads, in seconds: a driver that compiles, or a GPU that is
+/// Maximum silence of a server's threads, in seconds: a driver that compiles, or a GPU that is
 /// opened again, may hold the render thread for half a minute.
 const SERVER_WATCHDOG_S: u32 = 90;
 
 /// The user of services on machines whose host names none.
 const USER_DEFAULT: &str = "polyptych";
 
-/// A service's own lines.
+/// The lines that differ between services.
 struct Service<'s> {
     description: String,
     command: Vec<String>,
@@ -27,7 +27,7 @@ struct Service<'s> {
     user: &'s str,
     target: &'s str,
     watchdog_s: u32,
-    /// Longest time until it says that it is ready, as systemd reads it.
+    /// Maximum time until it says that it is ready, as systemd reads it.
     start_time_max: &'s str,
 }
 

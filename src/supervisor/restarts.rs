@@ -1,15 +1,16 @@
-//! Waits between the end of a child and its next start: a pure function of when it began and ended.
+//! Waits between the end of a child and its next start: a pure function of the times at which it
+//! began and ended.
 
 use std::time::{Duration, Instant};
 
 /// The waits before a child is started again.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RestartPolicy {
-    /// After the first failure, and after a child that ran for `steady` or longer.
+    /// The wait after the first failure, and after a child that ran for `steady` or longer.
     pub first: Duration,
-    /// Each failure in a row doubles the wait up to this.
+    /// The maximum wait; each failure in a row doubles it until then.
     pub longest: Duration,
-    /// A child that ran for so long does not fail in a row with the one before.
+    /// The time after which the end of a child is no failure in a row with the one before.
     pub steady: Duration,
 }
 

@@ -4,7 +4,7 @@ use std::sync::mpsc::{Receiver, sync_channel};
 
 use super::*;
 
-/// Longest wait for a child of a machine that builds something.
+/// Maximum wait for a child, on a machine that builds something meanwhile.
 const LIMIT: Duration = Duration::from_mins(1);
 
 const POLICY: RestartPolicy = RestartPolicy {

@@ -10,7 +10,7 @@ use super::document::{Document, LaunchOutput, LaunchSection, ServerSection};
 use super::error::WallFileError;
 use super::source::SourceText;
 
-/// Longest host: 253 bytes of a DNS name, and a user's name before it.
+/// Maximum bytes of a host: 253 bytes of a DNS name, and a user's name before it.
 const HOST_BYTES_MAX: usize = 320;
 
 /// Maximum number of arguments or variables in one list: more than the command has options.
@@ -32,7 +32,7 @@ pub struct Launch {
     pub program: String,
     /// The folder of the folders of keys on each machine.
     pub keys: Option<String>,
-    /// Goes over a network without keys.
+    /// `true` if processes may go over a network without keys.
     pub is_insecure: bool,
     /// More arguments of the manager.
     pub manager_arguments: Vec<String>,
@@ -163,7 +163,7 @@ fn check_server(
     Ok(())
 }
 
-/// A name as a step of a key, in quotes where it has dots.
+/// Returns a name as a step of a key, in quotes if it has dots.
 fn key_step(name: &str) -> String {
     if name.contains('.') { format!("{name:?}") } else { name.to_owned() }
 }

@@ -38,7 +38,7 @@ impl LifeSigns {
 }
 
 impl EventLoop {
-    /// Tells the supervisor, once a period, that the loop has come around and how the wall stands.
+    /// Tells the supervisor, once a period, that the loop has come around, and the wall's state.
     pub(super) fn show_life(&mut self) {
         let now = Instant::now();
         let Some(notifier) = self.life_signs.notifier.as_ref() else { return };

@@ -17,7 +17,8 @@ use crate::supervisor::ChildCommand;
 /// the wall was stopped.
 pub(super) const MANAGER: &str = "manager";
 
-/// Connections to one machine that log in at a time: sshd turns away some of more than ten.
+/// Maximum number of connections to one machine that log in at a time: sshd turns away some of more
+/// than ten.
 const LOGINS_MAX: usize = 6;
 
 /// Options of ssh, behind those of the wall file, which come first and so win: no question that
