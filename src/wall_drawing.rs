@@ -38,14 +38,14 @@ const WIDTH: f64 = 1240.0;
 /// Space around everything.
 const MARGIN: f64 = 30.0;
 
-/// Largest height of both views of the room together, and of all canvases.
+/// Maximum height of both views of the room together, and of all canvases.
 const ROOM_HEIGHT: f64 = 860.0;
 const CANVASES_HEIGHT: f64 = 1100.0;
 
-/// Largest height of a single canvas.
+/// Maximum height of a single canvas.
 const CANVAS_HEIGHT: f64 = 560.0;
 
-/// Space between canvases, and the least width of the texts above one.
+/// Space between canvases, and the minimum width of the texts above one.
 const GAP: f64 = 26.0;
 const TEXT_WIDTH: f64 = 190.0;
 
@@ -56,11 +56,11 @@ const COLORS: usize = 8;
 /// shares of their size: bezels are narrower.
 const NEAR: f64 = 0.06;
 
-/// What is drawn.
+/// A wall with all that its drawing needs.
 struct Drawing<'a> {
     of: ResolvedWall<'a>,
     report: &'a CheckReport,
-    /// By channel name.
+    /// The index of each channel by its name.
     indices: BTreeMap<String, usize>,
     screens: Vec<ScreenShape>,
     lit: Vec<LitShape>,
@@ -88,7 +88,7 @@ pub(crate) fn svg(of: ResolvedWall<'_>, report: &CheckReport) -> String {
     )
 }
 
-/// The class that gives a channel its colour.
+/// Returns the class that gives a channel its colour.
 fn color_class(drawing: &Drawing<'_>, channel: usize) -> String {
     format!("c{}", drawing.colors[channel])
 }
@@ -112,7 +112,7 @@ impl<'a> Drawing<'a> {
         }
     }
 
-    /// Adds the wall's name and what it comes to. Returns where it ends.
+    /// Adds the wall's name and its numbers. Returns the lower end of them.
     fn add_head(&self, svg: &mut String, top: f64) -> f64 {
         let (wall, report) = (self.of.wall, self.report);
         let [x, y, z] = report.eye_m;
@@ -137,7 +137,7 @@ impl<'a> Drawing<'a> {
     }
 
     /// Adds plan and side view in one scale, beside or below each other, whichever is larger.
-    /// Returns where they end.
+    /// Returns their lower end.
     fn add_room(&self, svg: &mut String, top: f64) -> f64 {
         let reaches = [Side::Above, Side::Right].map(|side| room_view::reach(self, side));
         let extents = reaches.map(|[low, high]| high - low);
@@ -161,7 +161,7 @@ impl<'a> Drawing<'a> {
         top + height
     }
 
-    /// Adds the canvases of all screens in one scale, row by row. Returns where they end.
+    /// Adds the canvases of all screens in one scale, row by row. Returns their lower end.
     fn add_canvases(&self, svg: &mut String, top: f64) -> f64 {
         let sizes = self.canvases();
         let scale = canvas_scale(&sizes);
@@ -189,8 +189,8 @@ impl<'a> Drawing<'a> {
         top + 12.0 + height
     }
 
-    /// The canvases: a screen, an eye, and width and height in metres. Where no one knows a size,
-    /// pixels are a millimetre.
+    /// Returns the canvases: a screen, an eye, and width and height in metres. Pixels of a screen
+    /// without a known size are a millimetre.
     fn canvases(&self) -> Vec<(usize, Eye, DVec2)> {
         let rows = (0..).zip(&self.report.screens);
         rows.flat_map(|(index, row)| {
@@ -205,7 +205,7 @@ impl<'a> Drawing<'a> {
     }
 }
 
-/// Upper left corners of canvases in rows, and the height of all rows.
+/// Returns the upper left corners of canvases in rows, and the height of all rows.
 fn shelves(sizes: &[(usize, Eye, DVec2)], scale: f64) -> (Vec<DVec2>, f64) {
     let (mut places, mut pen, mut row_height) = (Vec::new(), DVec2::ZERO, 0.0_f64);
     for (_, _, size_m) in sizes {
@@ -222,7 +222,7 @@ fn shelves(sizes: &[(usize, Eye, DVec2)], scale: f64) -> (Vec<DVec2>, f64) {
     (places, pen.y + row_height)
 }
 
-/// Paper for each metre, such that all canvases fit.
+/// Returns the pixels of the drawing for each metre with which all canvases fit.
 fn canvas_scale(sizes: &[(usize, Eye, DVec2)]) -> f64 {
     let largest = sizes.iter().fold(DVec2::splat(1e-6), |most, (_, _, size)| most.max(*size));
     let mut scale = ((WIDTH - 2.0 * MARGIN) / largest.x).min(CANVAS_HEIGHT / largest.y);
@@ -233,7 +233,7 @@ fn canvas_scale(sizes: &[(usize, Eye, DVec2)]) -> f64 {
     scale
 }
 
-/// Colours of channels: none like that of a neighbour, if there are enough.
+/// Returns the colours of channels: none like that of a neighbour, if there are enough.
 fn colors(wall: &Wall, lit: &[LitShape]) -> Vec<usize> {
     let rect = |shape: &LitShape| {
         let [low, high] = polygon::bounds(shape.canvas.iter().flatten().copied())?;

@@ -51,7 +51,7 @@ const WALL_PICTURE: &str = "wall.png";
 /// The file with what the run measured.
 const REPORT: &str = "report.json";
 
-/// The same for people, with pictures and plots.
+/// The file with the measurements for people, with pictures and plots.
 const REPORT_PAGE: &str = "report.html";
 
 #[derive(Debug, clap::Args)]

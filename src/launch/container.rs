@@ -31,7 +31,7 @@ const PACKAGES: &[&str] = &[
     "mesa-vulkan-drivers",
 ];
 
-/// The files of a wall, for containers of this image.
+/// Returns the files of a wall, for containers of this image.
 ///
 /// # Errors
 /// Servers cannot be told where the manager is.
@@ -90,7 +90,7 @@ pub(crate) fn units(plan: &LaunchPlan, image: &str) -> anyhow::Result<UnitFiles>
     Ok(UnitFiles { files, steps })
 }
 
-/// A process on the network of its machine, so that addresses are those of the wall file.
+/// Returns a process on the network of its machine, so that addresses are those of the wall file.
 fn service(
     image: &str,
     arguments: &[String],
@@ -118,7 +118,7 @@ fn service(
     })
 }
 
-/// The image: the program that stands beside the file, and what it needs.
+/// Returns the file of the image: the program that stands beside it, and the packages it needs.
 pub(crate) fn containerfile() -> String {
     let packages = PACKAGES.join(" \\\n        ");
     format!(

@@ -163,7 +163,7 @@ impl LaunchPlan {
         machines
     }
 
-    /// Returns the address at which all servers reach the manager if each runs on the machine that
+    /// Returns the address at which all servers reach the manager, if each runs on the machine that
     /// the file names.
     ///
     /// # Errors

@@ -44,7 +44,7 @@ impl NodeState {
     }
 }
 
-/// A process and how it stands.
+/// A process with its state.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct NodeReport {
     pub name: String,
@@ -67,7 +67,7 @@ pub(crate) struct Known<'k> {
     pub outage: Option<&'k str>,
 }
 
-/// Returns how the processes stand, in their order. `children` has one entry for each.
+/// Returns the reports of the processes, in their order. `children` has one entry for each.
 pub(crate) fn reports(
     nodes: &[Node],
     children: &[ChildState],

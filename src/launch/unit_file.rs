@@ -1,4 +1,4 @@
-//! Files that other systems start a wall with, and how they come into a folder.
+//! Files that other systems start a wall with, and the writing of them into a folder.
 
 use std::fs::Permissions;
 use std::os::unix::fs::PermissionsExt;
@@ -31,11 +31,11 @@ impl UnitFile {
     }
 }
 
-/// Files, and what a person does with them.
+/// Files, and the steps in which a person uses them.
 #[derive(Debug, Default)]
 pub(crate) struct UnitFiles {
     pub files: Vec<UnitFile>,
-    /// Lines that say how they are used, with `{DIR}` for the folder.
+    /// The steps, one a line, with `{DIR}` for the folder.
     pub steps: Vec<String>,
 }
 
@@ -62,15 +62,15 @@ impl UnitFiles {
     }
 }
 
-/// The first line of a file that the command writes, as a comment.
+/// Returns the first line of a file that the command writes, as a comment.
 pub(super) fn head(plan: &LaunchPlan, kind: &str) -> String {
     let file = plan.file.file_name().unwrap_or_default().to_string_lossy();
     // A name with a line break would end the comment, and the rest would be run.
     format!("# Written by polyptych unit {kind} from {}.\n", polyptych_text::printable(&file))
 }
 
-/// The folder of a machine's files: its name in letters that every file system takes. It is never
-/// hidden, nor a folder above.
+/// Returns the folder of a machine's files: its name in letters that every file system takes. It is
+/// never hidden, nor a folder above.
 pub(super) fn machine_folder(host: Option<&str>) -> String {
     let Some(host) = host else { return "here".to_owned() };
     let machine = host.rsplit_once('@').map_or(host, |(_, machine)| machine);
@@ -80,8 +80,8 @@ pub(super) fn machine_folder(host: Option<&str>) -> String {
     if is_taken { format!("_{folder}") } else { folder }
 }
 
-/// A name as a DNS label: lower-case letters, digits and "-", 40 at most. A name that had to be
-/// changed ends with a number that tells it from others which become the same.
+/// Returns a name as a DNS label: lower-case letters, digits and "-", 40 at most. A name that had
+/// to be changed ends with a number that tells it from others which become the same.
 pub(super) fn dns_label(name: &str) -> String {
     const LETTERS_MAX: usize = 40;
     let plain = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };

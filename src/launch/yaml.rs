@@ -32,7 +32,7 @@ fn put(value: &Value, depth: usize, text: &mut String) {
     }
 }
 
-/// A value behind its key: a block stands on the lines below.
+/// Adds a value behind its key: a block stands on the lines below.
 fn put_behind(value: &Value, depth: usize, text: &mut String) {
     if !is_block(value) {
         text.push(' ');
@@ -40,7 +40,7 @@ fn put_behind(value: &Value, depth: usize, text: &mut String) {
     put(value, depth, text);
 }
 
-/// A value behind the dash of a list: the first key of a block stands on the same line.
+/// Adds a value behind the dash of a list: the first key of a block stands on the same line.
 fn put_item(item: &Value, depth: usize, text: &mut String) {
     let mut own = String::new();
     put(item, depth, &mut own);
@@ -61,7 +61,7 @@ fn begin_line(depth: usize, text: &mut String) {
     text.push_str(&"  ".repeat(depth));
 }
 
-/// A key: plain where no reader could take it for anything else.
+/// Returns a key: plain if no reader could take it for anything else.
 fn key_text(key: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_-./".contains(c);
     let is_plain = key.starts_with(|c: char| c.is_ascii_alphabetic())

@@ -9,7 +9,7 @@ use image::{ImageFormat, RgbaImage};
 
 use super::markup::{add, escaped};
 
-/// Longest side of a picture in a page, in pixels.
+/// Maximum side of a picture in a page, in pixels.
 const SIDE_MAX: u32 = 1600;
 
 /// The quality of a JPEG picture, of 100.
@@ -26,7 +26,7 @@ pub(crate) struct EmbeddedImage {
     size: DVec2,
 }
 
-/// A place of a picture, in its pixels, with what is said of it.
+/// A place of a picture, in its pixels, with a text beside it.
 pub(crate) struct Mark {
     pub at: DVec2,
     /// A short text beside it.
@@ -35,10 +35,10 @@ pub(crate) struct Mark {
 }
 
 impl EmbeddedImage {
-    /// A photograph-like picture.
+    /// Returns a photograph-like picture.
     ///
     /// # Errors
-    /// What the encoder says, of a picture without pixels.
+    /// The encoder's error for a picture without pixels.
     pub fn photograph(image: &RgbaImage) -> anyhow::Result<Self> {
         let opaque = image::DynamicImage::ImageRgba8(shrunk(image)).into_rgb8();
         let mut bytes = Vec::new();
@@ -46,7 +46,8 @@ impl EmbeddedImage {
         Ok(Self::new("image/jpeg", &bytes, image))
     }
 
-    /// A picture of which every level counts: no pixel is darker than what it stands for.
+    /// Returns a picture of which every level counts: a pixel is as bright as the brightest that it
+    /// stands for.
     ///
     /// # Errors
     /// The encoder's error for a picture without pixels.
@@ -120,7 +121,7 @@ fn brightest(image: &RgbaImage) -> RgbaImage {
     small
 }
 
-/// Bytes as text: RFC 4648, §4.
+/// Returns bytes as text: RFC 4648, §4.
 fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);

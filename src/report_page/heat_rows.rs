@@ -19,16 +19,16 @@ const STEPS: usize = 190;
 /// Shades of a number, from none to the largest.
 const SHADES: usize = 8;
 
-/// Letters of a name that fit.
+/// Maximum number of letters of a name that fit.
 const LETTERS: usize = 26;
 
 /// A number of several things over time.
 pub(crate) struct HeatRows {
     pub title: String,
     pub unit: &'static str,
-    /// What a missing number means.
+    /// The meaning of a missing number.
     pub missing: &'static str,
-    /// When each column was measured, in seconds, in rising order.
+    /// The times at which columns were measured, in seconds, in rising order.
     pub times_s: Vec<f64>,
     /// A name, and a number for each time; NaN for a missing one.
     pub rows: Vec<(String, Vec<f64>)>,

@@ -28,7 +28,7 @@ pub(crate) fn add(text: &mut String, what: std::fmt::Arguments<'_>) {
     let _ = text.write_fmt(what);
 }
 
-/// A number in at most four digits, large ones in thousands or millions.
+/// Returns a number in at most four digits, large ones in thousands or millions.
 pub(crate) fn number(value: f64) -> String {
     let (value, unit) = match value.abs() {
         size if size >= 1e6 => (value / 1e6, " M"),
@@ -49,8 +49,8 @@ fn trimmed(text: &str) -> &str {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { text }
 }
 
-/// The path of lines through these points, `M1 2L3 4`, closed or open; to a hundredth of a unit.
-/// Points that are not finite are left out.
+/// Returns the path of lines through these points, `M1 2L3 4`, closed or open; to a hundredth of a
+/// unit. Points that are not finite are left out.
 pub(crate) fn path(points: &[DVec2], is_closed: bool) -> String {
     let mut path = String::new();
     let mut command = 'M';

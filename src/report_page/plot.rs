@@ -12,13 +12,13 @@ const MARGIN: [f64; 4] = [64.0, 44.0, 14.0, 46.0];
 /// place on it.
 const BOUND_KNEE_PX: f64 = 0.25;
 
-/// About how many intervals a linear axis has.
+/// The approximate number of intervals of a linear axis.
 const INTERVALS: f64 = 5.0;
 
 /// The scale by which numbers become places along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Scale {
-    /// In proportion, from 0.
+    /// Proportional to the number, from 0.
     Linear,
     /// Linear up to a quarter, and logarithmic above: each doubling takes as much space as the
     /// first quarter.
@@ -28,7 +28,7 @@ pub(crate) enum Scale {
 }
 
 impl Scale {
-    /// The place of a number, in units of the axis.
+    /// Returns the place of a number, in units of the axis.
     fn place(self, value: f64) -> f64 {
         match self {
             Self::Linear => value,
@@ -44,12 +44,12 @@ impl Scale {
 pub(crate) struct Axis {
     pub label: String,
     pub scale: Scale,
-    /// In rising order; the axis reaches from the first to the last one.
+    /// The marked numbers in rising order; the axis reaches from the first to the last one.
     pub marks: Vec<f64>,
 }
 
 impl Axis {
-    /// An axis from 0 with round marks that reaches at least to `max`.
+    /// Returns an axis from 0 with round marks that reaches at least to `max`.
     pub fn linear(label: &str, max: f64) -> Self {
         let max = if max.is_finite() && max > 0.0 { max } else { 1.0 };
         let power = 10.0_f64.powf((max / INTERVALS).log10().floor());
@@ -60,7 +60,7 @@ impl Axis {
         Self { label: label.into(), scale: Scale::Linear, marks }
     }
 
-    /// The part of the axis below a number, from 0 to 1.
+    /// Returns the part of the axis below a number, from 0 to 1.
     pub fn fraction(&self, value: f64) -> f64 {
         let place = |value: &f64| self.scale.place(*value);
         let ends = self.marks.first().zip(self.marks.last()).map(|(a, b)| (place(a), place(b)));
@@ -85,7 +85,7 @@ pub(crate) struct Point {
 pub(crate) struct Series {
     pub name: String,
     pub points: Vec<Point>,
-    /// A line to compare with, dashed and without markers.
+    /// `true` for a line to compare with, dashed and without markers.
     pub is_guide: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Where measurements of several things lie, a row for each, as inline SVG.
+//! The spread of measurements of several things, a row for each, as inline SVG.
 
 use polyptych_client::Quantiles;
 
@@ -18,14 +18,14 @@ const ROW: f64 = 18.0;
 const HEAD: f64 = 30.0;
 const FOOT: f64 = 40.0;
 
-/// Letters of a name that fit.
+/// Maximum number of letters of a name that fit.
 const LETTERS: usize = 26;
 
 /// The measurements of one thing.
 pub(crate) struct Spread {
     pub name: String,
     pub values: Quantiles,
-    /// What none of them should exceed.
+    /// The bound that none of them should exceed.
     pub bound: Option<f64>,
 }
 
@@ -82,7 +82,7 @@ impl SpreadPlot {
         svg
     }
 
-    /// The rows with the largest maxima, in their order.
+    /// Returns the rows with the largest maxima, in their order.
     fn shown(&self) -> Vec<&Spread> {
         let mut maxima: Vec<f64> = self.rows.iter().map(|row| row.values.max).collect();
         maxima.sort_unstable_by(|a, b| b.total_cmp(a));

@@ -1,4 +1,4 @@
-//! What the frames of a run took, over time, in a bounded number of samples.
+//! The times of the frames of a run, in a bounded number of samples.
 
 use polyptych_client::FrameFeedback;
 
@@ -8,23 +8,23 @@ const SAMPLES_MAX: usize = 1024;
 /// The frames of a run, one or more in each sample.
 #[derive(Debug, Default)]
 pub(crate) struct FrameSeries {
-    /// By channel.
+    /// The names of the channels, in the order of `draw_ms`.
     pub names: Vec<String>,
     pub samples: Vec<FrameSample>,
-    /// Frames in each sample, but for the last one.
+    /// The number of frames in each sample but the last one.
     stride: u32,
 }
 
 /// One frame, or the worst of several that follow each other.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct FrameSample {
-    /// From the beginning of the run to the answer of the first frame, in seconds.
+    /// The time from the beginning of the run to the answer of the first frame, in seconds.
     pub at_s: f64,
-    /// From frame command to swap command.
+    /// The time from frame command to swap command, in ms.
     pub frame_ms: f64,
-    /// What of that the slowest channel did not draw.
+    /// The part of `frame_ms` in which the slowest channel did not draw.
     pub barrier_ms: f64,
-    /// In pixels of the wall.
+    /// The error bound in force, in pixels of the wall.
     pub error_in_force_px: f64,
     /// The pixels that were drawn along each side, as a share of the wall's.
     pub resolution_scale: f64,
@@ -75,7 +75,7 @@ impl FrameSeries {
 }
 
 impl FrameSample {
-    /// Takes what is worse of another one: what was missing once shows.
+    /// Takes the worse of each number of another one; a frame that is missing in one stays missing.
     fn merge(&mut self, other: &Self) {
         self.frame_ms = self.frame_ms.max(other.frame_ms);
         self.barrier_ms = self.barrier_ms.max(other.barrier_ms);

@@ -1,4 +1,4 @@
-//! `report.html`: what a simulated wall did, as one page.
+//! `report.html`: the run of a simulated wall as one page.
 
 use image::RgbaImage;
 use polyptych_text::counted;
@@ -16,13 +16,13 @@ use crate::report_page::spread_plot::{Spread, SpreadPlot};
 use crate::report_page::{self, add_facts, add_row, begin_table, end_table};
 use crate::wall_drawing;
 
-/// Points of a line of a plot: more are drawn over each other.
+/// Maximum number of points of a line of a plot: more are drawn over each other.
 const POINTS_MAX: usize = 300;
 
-/// Notes and faults that are listed.
+/// Maximum number of notes, and of faults, that are listed.
 const LINES_MAX: usize = 64;
 
-/// Channels in the table; `report.json` has all.
+/// Maximum number of channels in the table; `report.json` has all.
 const CHANNELS_MAX: usize = 256;
 
 const MIB: f64 = 1024.0 * 1024.0;
@@ -90,7 +90,7 @@ fn quantiles(of: polyptych_client::Quantiles, unit: &str) -> String {
     format!("median {median} {unit}, 95 % {most} {unit}, at most {max} {unit}")
 }
 
-/// What of the scene is not drawn, what is missing, and what faults did.
+/// Adds missing channels, notes, and the effects of faults.
 fn add_troubles(body: &mut String, report: &RunReport) {
     for (channel, reason) in report.missing.iter().take(LINES_MAX) {
         let (channel, reason) = (escaped(channel), escaped(reason));
@@ -140,7 +140,7 @@ fn add_frames(body: &mut String, series: &FrameSeries) {
     body.push_str(&HeatRows { title, unit: "ms", missing, times_s, rows }.svg());
 }
 
-/// The worst of a number in each of [`POINTS_MAX`] parts of a run.
+/// Returns the worst of a number in each of [`POINTS_MAX`] parts of a run.
 fn worst(series: &FrameSeries, of: impl Fn(&FrameSample) -> f64) -> Vec<Point> {
     let step = series.samples.len().div_ceil(POINTS_MAX).max(1);
     let point = |part: &[FrameSample]| Point {

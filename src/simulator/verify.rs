@@ -29,7 +29,7 @@ use crate::{image_files, outputs};
 
 pub(crate) use proof_page::ProofPage;
 
-/// What a proof came to.
+/// The results of a proof.
 pub(crate) struct Proof {
     pub table: VerificationReport,
     pub pictures: ProofPictures,

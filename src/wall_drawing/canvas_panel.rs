@@ -20,7 +20,7 @@ use crate::report_page::markup::{add, escaped, number, path};
 /// Height of the texts above a canvas.
 pub(super) const HEAD: f64 = 36.0;
 
-/// Points off their line by less than this are left out.
+/// Maximum distance from their line of points that are left out, in pixels of the drawing.
 const TOLERANCE_PX: f64 = 0.05;
 
 /// Maximum number of pairs of channels whose overlap is hatched on one canvas.
@@ -29,13 +29,13 @@ const PAIRS_MAX: usize = 4096;
 /// Maximum number of overlaps with a label.
 const LABELS_MAX: usize = 64;
 
-/// Channels of a canvas up to which lines of equal shares are drawn: each asks all others.
+/// Maximum number of channels of a canvas with lines of equal shares: each asks all others.
 const SHARED_MAX: usize = 32;
 
 /// Cells along a side of a channel for these lines.
 const SHARE_CELLS: usize = 32;
 
-/// Shares of the light of which the lines are.
+/// The shares of the light that have lines.
 const SHARES: [f64; 3] = [0.25, 0.5, 0.75];
 
 /// Share of the rectangle around an overlap from which on it is a strip with a width.
@@ -50,7 +50,7 @@ pub(super) struct CanvasPanel<'a, 'b> {
     pub drawing: &'a Drawing<'b>,
     /// The index of its screen.
     pub screen: usize,
-    /// Whose eye sees it.
+    /// The eye that sees it.
     pub eye: Eye,
     /// Upper left and size on paper, without the texts above.
     pub at: DVec2,
@@ -72,7 +72,7 @@ impl CanvasPanel<'_, '_> {
         self.row().coverage.iter().find(|row| row.eye == self.eye)
     }
 
-    /// Paper for each pixel of the canvas.
+    /// Returns the pixels of the drawing for each pixel of the canvas.
     fn scale(&self) -> DVec2 {
         self.size / self.surface().canvas.as_dvec2()
     }
@@ -81,7 +81,7 @@ impl CanvasPanel<'_, '_> {
         self.at + canvas * self.scale()
     }
 
-    /// The channels on it that the eye sees.
+    /// Returns the channels on it that the eye sees.
     fn shapes(&self) -> impl Iterator<Item = &LitShape> {
         let channels = &self.drawing.of.wall.channels;
         self.drawing.lit.iter().filter(move |shape| {
@@ -94,7 +94,7 @@ impl CanvasPanel<'_, '_> {
         format!("w{}{:?}-{channel}", self.screen, self.eye)
     }
 
-    /// The path of outlines on the canvas.
+    /// Returns the path of outlines on the canvas.
     fn outlines(&self, outlines: &[Vec<DVec2>]) -> String {
         let outline = |points: &Vec<DVec2>| {
             let places: Vec<DVec2> = points.iter().map(|at| self.place(*at)).collect();
@@ -181,7 +181,7 @@ impl CanvasPanel<'_, '_> {
         }
     }
 
-    /// First what is covered, then each channel in its colour, so that overlaps are darker.
+    /// Adds the covered part, and then each channel in its colour, so that overlaps are darker.
     fn add_channels(&self, svg: &mut String) {
         let shapes = || self.shapes().filter(|shape| !shape.canvas.is_empty());
         for shape in shapes() {
@@ -201,7 +201,7 @@ impl CanvasPanel<'_, '_> {
         }
     }
 
-    /// Each channel, cut to what earlier ones light too.
+    /// Adds a hatching on each channel, cut to the part that earlier ones light too.
     fn add_overlaps(&self, svg: &mut String) {
         let Some(coverage) = self.coverage() else { return };
         let mut pairs: BTreeMap<usize, Vec<(usize, &OverlapRow)>> = BTreeMap::new();
@@ -240,7 +240,7 @@ impl CanvasPanel<'_, '_> {
         format!("{first} and {second} share {width} × {height} px{size}{blend}")
     }
 
-    /// Lines at which a channel has equal shares of the light.
+    /// Adds the lines at which a channel has equal shares of the light.
     fn add_shares(&self, svg: &mut String) {
         let Some(blend) = &self.drawing.blend else { return };
         let shared: Vec<&LitShape> = self
@@ -305,8 +305,8 @@ impl CanvasPanel<'_, '_> {
         }
     }
 
-    /// A rectangle of the paper for the label of a channel: all of it, or, if it is no rectangle,
-    /// one around a place that is far from its borders.
+    /// Returns a rectangle of the paper for the label of a channel: all of it, or, if it is no
+    /// rectangle, one around a place that is far from its borders.
     fn label_room(&self, shape: &LitShape) -> Option<[DVec2; 2]> {
         let on_paper = |outline: &Vec<DVec2>| outline.iter().map(|at| self.place(*at)).collect();
         let outlines: Vec<Vec<DVec2>> = shape.canvas.iter().map(on_paper).collect();
@@ -320,7 +320,7 @@ impl CanvasPanel<'_, '_> {
         Some([(middle - half).max(self.at), (middle + half).min(self.at + self.size)])
     }
 
-    /// The name of a channel and its numbers, as many as fit; upwards where it is narrow.
+    /// Adds the name of a channel and its numbers, as many as fit; upwards if it is narrow.
     fn add_channel_label(
         &self,
         svg: &mut String,
@@ -356,7 +356,8 @@ impl CanvasPanel<'_, '_> {
         }
     }
 
-    /// The shares that two channels have of the light of a place.
+    /// Returns the shares that two channels have of the light of a place; `None` if others light it
+    /// too.
     fn shares_at(&self, overlap: &OverlapRow, canvas: DVec2) -> Option<String> {
         let blend = self.drawing.blend.as_ref().filter(|_| overlap.is_blended)?;
         let share = |name: &String| {
@@ -370,7 +371,7 @@ impl CanvasPanel<'_, '_> {
     }
 }
 
-/// A channel's share of the light of a place of its canvas; 0 where it lights nothing.
+/// Returns a channel's share of the light of a place of its canvas, from 0 to 1.
 fn weight_at(blend: &BlendModel<'_>, id: ChannelId, canvas: DVec2) -> f64 {
     let weights = blend.weights(id, canvas);
     weights.into_iter().find(|(of, _)| *of == id).map_or(0.0, |(_, weight)| weight)
@@ -380,7 +381,7 @@ fn percent(share: f64) -> f64 {
     (share * 1e4).round() / 1e2
 }
 
-/// A channel in short lines, its name first.
+/// Returns the facts about a channel in short lines, its name first.
 fn facts(row: &ChannelRow) -> Vec<String> {
     let [width, height] = row.pixels;
     let mut facts = vec![row.name.clone(), format!("{width} × {height} px")];

@@ -1,4 +1,4 @@
-//! Outlines of regions that are known by a question: is this place inside?
+//! Outlines of regions that are known by a function, which says of a place that it is inside.
 
 use std::collections::BTreeMap;
 
@@ -33,7 +33,7 @@ impl Grid {
         x == 0 || y == 0 || x > self.cells + 1 || y > self.cells + 1
     }
 
-    /// The two places at the ends of a side.
+    /// Returns the two places at the ends of a side.
     fn ends(&self, (x, y, along): Side) -> [(usize, usize); 2] {
         [(x, y), if along == 0 { (x + 1, y) } else { (x, y + 1) }]
     }
@@ -87,7 +87,7 @@ pub(super) fn contours(
     loops
 }
 
-/// The place of a side at which the region ends.
+/// Returns the place of a side at which the region ends.
 fn crossing(grid: &Grid, inside: &[bool], side: Side, is_inside: &impl Fn(DVec2) -> bool) -> DVec2 {
     let [a, b] = grid.ends(side);
     let is_a = inside[a.1 * grid.count() + a.0];

@@ -24,13 +24,13 @@ pub(super) struct Label {
     size: f64,
 }
 
-/// About how wide a line is.
+/// Returns the approximate width of a line.
 pub(super) fn width(text: &str, size: f64) -> f64 {
     let letters = text.chars().map(|c| if (c as u32) < 0x1100 { LETTER } else { 1.0 });
     letters.sum::<f64>() * size
 }
 
-/// A text that is no wider than this, cut with an ellipsis.
+/// Returns a text that is no wider than this, cut with an ellipsis.
 pub(super) fn shortened(text: &str, size: f64, width_max: f64) -> String {
     if width(text, size) <= width_max {
         return text.to_owned();
@@ -50,7 +50,7 @@ impl Label {
         Self { lines: lines.into_iter().collect(), size }
     }
 
-    /// Width and height.
+    /// Returns width and height.
     pub fn extent(&self) -> DVec2 {
         let widths = self.lines.iter().map(|line| width(line, self.size));
         let height = self.lines.len() as f64 * LINE * self.size;

@@ -1,4 +1,4 @@
-//! What lines and hatchings of a drawing mean, and what the wall's check has to say.
+//! The meanings of lines and hatchings of a drawing, and the notes of the wall's check.
 
 use glam::DVec2;
 use polyptych_text::printable;
@@ -20,7 +20,7 @@ const LINE: f64 = 17.0;
 /// Hatchings.
 pub(super) const PATTERNS: &str = include_str!("patterns.svg");
 
-/// Adds the legend and the notes at a place, as wide as to `right`. Returns where the drawing ends.
+/// Adds the legend and the notes at a place, as wide as to `right`. Returns the end of the drawing.
 pub(super) fn add(svg: &mut String, drawing: &Drawing<'_>, at: DVec2, right: f64) -> f64 {
     let mut pen = at;
     for (class, text) in entries(drawing) {
@@ -52,7 +52,7 @@ pub(super) fn add(svg: &mut String, drawing: &Drawing<'_>, at: DVec2, right: f64
     pen.y + 24.0
 }
 
-/// Classes of what is drawn, with what they mean.
+/// Returns the classes of drawn things, with their meanings.
 fn entries(drawing: &Drawing<'_>) -> Vec<(&'static str, &'static str)> {
     let wall = drawing.of.wall;
     let coverage = || drawing.report.screens.iter().flat_map(|row| &row.coverage);
@@ -92,7 +92,7 @@ fn notes(drawing: &Drawing<'_>) -> Vec<String> {
     notes.iter().flat_map(|note| wrapped(&format!("• {}", printable(note)))).collect()
 }
 
-/// Lines that are no wider than [`NOTE_WIDTH`].
+/// Returns a text in lines that are no wider than [`NOTE_WIDTH`].
 fn wrapped(text: &str) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {

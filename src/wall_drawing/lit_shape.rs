@@ -1,4 +1,4 @@
-//! What a channel lights, as outlines on its canvas and in the room.
+//! The light of a channel, as outlines on its canvas and in the room.
 
 use glam::{DVec2, DVec3};
 use polyptych_wall::channel_mapping::ChannelMapping;
@@ -16,29 +16,29 @@ const SIDE_STEPS: usize = 16;
 /// the other side of the canvas.
 const JUMP_MAX: f64 = 0.25;
 
-/// Fewest points of a line from one side of a canvas to the other.
+/// Minimum number of points of a line from one side of a canvas to the other.
 const STEPS_MIN: f64 = 64.0;
 
-/// Places that are asked of all channels whose outline has to be searched: half a second of work.
+/// Maximum number of places that searches of outlines look at together: half a second of work.
 const PLACES_MAX: usize = 1 << 18;
 
-/// Fewest and most cells along a side of such a search.
+/// Minimum and maximum number of cells along a side of such a search.
 const CELLS: (usize, usize) = (16, 160);
 
-/// What a channel lights.
+/// The light of a channel.
 #[derive(Clone, Debug)]
 pub(super) struct LitShape {
     /// An index into the wall's channels.
     pub channel: usize,
     /// Outlines in pixels of the canvas, holes among them.
     pub canvas: Vec<Vec<DVec2>>,
-    /// The same outlines in metres of display space.
+    /// The outlines of `canvas` in metres of display space.
     pub room: Vec<Vec<DVec3>>,
-    /// Their lines, without those at which a closed surface was cut to be a canvas.
+    /// The lines of the outlines, without those at which a closed surface was cut to be a canvas.
     pub edges: Vec<Vec<DVec3>>,
 }
 
-/// The shapes of all channels, in their order; empty ones where nobody knows.
+/// Returns the shapes of all channels, in their order; empty ones if their files were not read.
 pub(super) fn lit_shapes(of: ResolvedWall<'_>) -> Vec<LitShape> {
     let count = of.wall.channels.len();
     let (low, high) = CELLS;
@@ -78,7 +78,7 @@ impl LitShape {
     }
 }
 
-/// The outline of the whole picture, if all of it lies on the canvas in one piece.
+/// Returns the outline of the whole picture, if all of it lies on the canvas in one piece.
 fn outline(
     channel: &Channel,
     screen: &Screen,
@@ -105,8 +105,8 @@ fn outline(
     Some((canvas, room))
 }
 
-/// An outline with more points, so that none of its lines is longer than `step` along an axis: what
-/// is a line on the canvas may be curved in the room.
+/// Returns an outline with more points, so that none of its lines is longer than `step` along an
+/// axis: a line on the canvas may be curved in the room.
 fn divided(outline: &[DVec2], step: DVec2) -> Vec<DVec2> {
     let sides = outline.iter().zip(outline.iter().skip(1).chain(outline.first()));
     let parts = sides.flat_map(|(a, b)| {
@@ -116,8 +116,8 @@ fn divided(outline: &[DVec2], step: DVec2) -> Vec<DVec2> {
     parts.collect()
 }
 
-/// An outline in pieces, without what runs along a side of the canvas at which its surface closes:
-/// there the light goes on at the other side.
+/// Returns an outline in pieces, without the parts along a side of the canvas at which its surface
+/// closes: there the light goes on at the other side.
 fn edges(outline: &[DVec2], ground: ScreenGeometry<'_>) -> Vec<Vec<DVec3>> {
     let width = f64::from(ground.screen.canvas.x);
     let point = |at: DVec2| ground.display_from_canvas(at);
@@ -143,7 +143,7 @@ fn edges(outline: &[DVec2], ground: ScreenGeometry<'_>) -> Vec<Vec<DVec3>> {
     pieces
 }
 
-/// A rectangle of the canvas that holds all that the channel lights.
+/// Returns a rectangle of the canvas that holds all the light of the channel.
 fn reach(channel: &Channel, screen: &Screen, map: &ChannelMapping<'_>) -> [DVec2; 2] {
     let whole = [DVec2::ZERO, screen.canvas.as_dvec2()];
     let part = |step: usize| step as f64 / SIDE_STEPS as f64;

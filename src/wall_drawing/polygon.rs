@@ -2,15 +2,15 @@
 
 use glam::DVec2;
 
-/// Twice the signed area is the sum of cross products; positive if x turns to y.
+/// Returns the signed area, half the sum of cross products; positive if x turns to y.
 pub(super) fn area(points: &[DVec2]) -> f64 {
     let Some(last) = points.last() else { return 0.0 };
     let pairs = std::iter::once(last).chain(points).zip(points);
     pairs.map(|(a, b)| a.perp_dot(*b)).sum::<f64>() / 2.0
 }
 
-/// The convex hull of finite points. A. Andrew, *Another efficient algorithm for convex hulls in
-/// two dimensions*, 1979.
+/// Returns the convex hull of finite points. A. Andrew, *Another efficient algorithm for convex
+/// hulls in two dimensions*, 1979.
 pub(super) fn hull(points: impl IntoIterator<Item = DVec2>) -> Vec<DVec2> {
     let mut points: Vec<DVec2> = points.into_iter().filter(|point| point.is_finite()).collect();
     points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
@@ -73,7 +73,7 @@ pub(super) fn simplified(points: &[DVec2], tolerance: f64) -> Vec<DVec2> {
     kept.map(|(point, _)| *point).collect()
 }
 
-/// The part of an outline within a rectangle. I. Sutherland, G. Hodgman, *Reentrant polygon
+/// Returns the part of an outline within a rectangle. I. Sutherland, G. Hodgman, *Reentrant polygon
 /// clipping*, 1974.
 pub(super) fn clipped(points: &[DVec2], [low, high]: [DVec2; 2]) -> Vec<DVec2> {
     let mut part = points.to_vec();
@@ -109,8 +109,8 @@ pub(super) fn is_within<'a>(outlines: impl IntoIterator<Item = &'a Vec<DVec2>>, 
     outlines.into_iter().map(crossed).sum::<usize>() % 2 == 1
 }
 
-/// A place within outlines that is far from them, and its distance to the nearest of their points;
-/// `None` where none of a grid of places is inside.
+/// Returns a place within outlines that is far from them, and its distance to the nearest of their
+/// points; `None` if none of a grid of places is inside.
 pub(super) fn inner_place(outlines: &[Vec<DVec2>]) -> Option<(DVec2, f64)> {
     const SIDE: u32 = 16;
     let [low, high] = bounds(outlines.iter().flatten().copied())?;
@@ -124,7 +124,7 @@ pub(super) fn inner_place(outlines: &[Vec<DVec2>]) -> Option<(DVec2, f64)> {
     inner.map(clear).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// The rectangle around points; `None` where there are none.
+/// Returns the rectangle around points; `None` if there are none.
 pub(super) fn bounds(points: impl IntoIterator<Item = DVec2>) -> Option<[DVec2; 2]> {
     let none = [DVec2::INFINITY, DVec2::NEG_INFINITY];
     let finite = points.into_iter().filter(|point| point.is_finite());

@@ -1,5 +1,5 @@
 //! The room from above or from its right side, to scale: screens, channels, projectors, frusta, the
-//! eyes, and where no head can be.
+//! eyes, and places at which no head can be.
 
 use glam::{DVec2, DVec3};
 use polyptych_wall::head::HeadPose;
@@ -13,29 +13,29 @@ use super::scale::{self, add_bar, length, round_below};
 use super::{Drawing, color_class};
 use crate::report_page::markup::{add, escaped, path};
 
-/// Space around what is drawn, for labels.
+/// Space around the room, for labels.
 const MARGIN: DVec2 = DVec2::new(74.0, 66.0);
 
 /// Height of the title above a view, and of the numbers and the bar below it.
 const TITLE: f64 = 20.0;
 const FOOT: f64 = 40.0;
 
-/// Least distance of grid lines.
+/// Minimum distance of grid lines, in pixels of the drawing.
 const GRID_PX: f64 = 44.0;
 
-/// Channels of a wall up to which each one's frustum from the eye is drawn.
+/// Maximum number of channels of a wall whose frusta from the eye are drawn.
 const FRUSTA_MAX: usize = 48;
 
-/// Points off their line by less than this are left out.
+/// Maximum distance from their line of points that are left out, in pixels of the drawing.
 const TOLERANCE_PX: f64 = 0.05;
 
-/// Times that a channel is asked whether a head can be somewhere: half a second of work.
+/// Maximum number of checks of a channel for a head somewhere: half a second of work.
 const HEADS_MAX: usize = 1 << 20;
 
 /// Length of a ray that lights nothing, in metres.
 const DARK_RAY_M: f64 = 1.0;
 
-/// From where a room is looked at.
+/// The side from which a room is seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Side {
     /// The viewer looks up on paper.
@@ -59,7 +59,7 @@ impl Side {
         }
     }
 
-    /// Names of the axes of display space to the right and down on paper.
+    /// Returns the names of the axes of display space to the right and down on paper.
     fn axes(self) -> [&'static str; 2] {
         match self {
             Self::Above => ["x", "z"],
@@ -67,7 +67,7 @@ impl Side {
         }
     }
 
-    /// A point on paper in metres, down positive.
+    /// Returns the place on paper of a point, in metres, down positive.
     pub fn flat(self, point: DVec3) -> DVec2 {
         match self {
             Self::Above => DVec2::new(point.x, point.z),
@@ -75,7 +75,7 @@ impl Side {
         }
     }
 
-    /// The point of the room at a place of the paper, as far from the viewer's eye as the eye.
+    /// Returns the point of the room at a place of the paper, in the plane of the wall's eye.
     fn point(self, at: DVec2, eye: DVec3) -> DVec3 {
         match self {
             Self::Above => DVec3::new(at.x, eye.y, at.y),
@@ -95,7 +95,7 @@ pub(super) struct RoomView<'a, 'b> {
     bounds: [DVec2; 2],
 }
 
-/// The rectangle around all that is drawn, in metres on paper.
+/// Returns the rectangle around all that is drawn, in metres on paper.
 pub(super) fn reach(drawing: &Drawing<'_>, side: Side) -> [DVec2; 2] {
     let wall = drawing.of.wall;
     let lenses = wall.channels.iter().filter_map(|channel| match &channel.cover {
@@ -113,13 +113,13 @@ pub(super) fn reach(drawing: &Drawing<'_>, side: Side) -> [DVec2; 2] {
     [low - missing, high + missing]
 }
 
-/// Width and height of a view on paper, at so many pixels a metre.
+/// Returns width and height of a view on paper, at so many pixels a metre.
 pub(super) fn size(reach: [DVec2; 2], scale: f64) -> DVec2 {
     (reach[1] - reach[0]) * scale + MARGIN * 2.0
 }
 
 impl<'a, 'b> RoomView<'a, 'b> {
-    /// A view whose upper left is at a place of the paper.
+    /// Returns a view whose upper left is at a place of the paper.
     pub fn new(drawing: &'a Drawing<'b>, side: Side, at: DVec2, scale: f64) -> Self {
         let reach = reach(drawing, side);
         let origin = at + MARGIN - reach[0] * scale;
@@ -134,12 +134,12 @@ impl<'a, 'b> RoomView<'a, 'b> {
         points.iter().map(|point| self.place(*point)).collect()
     }
 
-    /// The rectangle in which things are, without title and foot.
+    /// Returns the rectangle in which things are, without title and foot.
     fn paper(&self) -> [DVec2; 2] {
         [self.bounds[0] + DVec2::Y * TITLE, self.bounds[1] - DVec2::Y * FOOT]
     }
 
-    /// The path of an outline that is closed.
+    /// Returns the path of an outline that is closed.
     fn closed(&self, points: &[DVec3]) -> String {
         path(&simplified(&self.places(points), TOLERANCE_PX), true)
     }
@@ -177,7 +177,7 @@ impl<'a, 'b> RoomView<'a, 'b> {
         svg.push_str("</g>\n");
     }
 
-    /// Lines at round metres of display space.
+    /// Adds lines at round metres of display space.
     fn add_grid(&self, svg: &mut String) {
         let step = round_below(GRID_PX * 2.5 / self.scale);
         let [low, high] = self.paper();
@@ -214,7 +214,7 @@ impl<'a, 'b> RoomView<'a, 'b> {
         add(svg, format_args!("<path class=\"w-grid\" d=\"{lines}\"/>\n"));
     }
 
-    /// The part of the paper at which a channel cannot be drawn for a head there.
+    /// Adds the part of the paper at which a channel cannot be drawn for a head there.
     fn add_no_heads(&self, svg: &mut String) {
         let wall = self.drawing.of.wall;
         if head_fault(wall).is_some() {
@@ -263,7 +263,7 @@ impl<'a, 'b> RoomView<'a, 'b> {
         }
     }
 
-    /// The outline of an eye and what it sees; `None` where what it sees lies all around it.
+    /// Returns the outline around an eye and points that it sees; `None` if they lie all around it.
     fn frustum(&self, seen: impl Iterator<Item = DVec3>) -> Option<String> {
         let eye = self.place(self.drawing.of.wall.eye);
         let outline = hull(seen.map(|point| self.place(point)).chain([eye]));
@@ -293,7 +293,7 @@ impl<'a, 'b> RoomView<'a, 'b> {
         }
     }
 
-    /// What projectors light, with their lenses.
+    /// Adds the light of projectors, with their lenses.
     fn add_projectors(&self, svg: &mut String) {
         for shape in &self.drawing.lit {
             let channel = &self.drawing.of.wall.channels[shape.channel];
@@ -321,7 +321,7 @@ impl<'a, 'b> RoomView<'a, 'b> {
         }
     }
 
-    /// What channels light, on their screens.
+    /// Adds the light of channels, on their screens.
     fn add_channels(&self, svg: &mut String) {
         for shape in &self.drawing.lit {
             let parts: String = shape.room.iter().map(|part| self.closed(part)).collect();
@@ -423,12 +423,12 @@ impl<'a, 'b> RoomView<'a, 'b> {
     }
 }
 
-/// The number of places that are looked at of the eyes of a channel.
+/// Returns the number of places of the eyes of a channel that a check looks at.
 fn places_asked(wall: &Wall, channel: &polyptych_wall::Channel) -> usize {
     wall.viewpoints(channel).iter().map(|viewpoint| viewpoint.places().len()).sum()
 }
 
-/// Why the head cannot move at all, if so.
+/// Returns the reason why the head cannot move at all; `None` if it can.
 pub(super) fn head_fault(wall: &Wall) -> Option<String> {
     let beside = wall.eye + DVec3::X * 1e-6;
     let moved = HeadPose::facing_forward(beside, wall.eye_separation_m);

@@ -4,7 +4,7 @@ use glam::DVec2;
 
 use crate::report_page::markup::{add, number};
 
-/// The largest of 1, 2 and 5 times a power of ten that is no larger than this.
+/// Returns the largest of 1, 2 and 5 times a power of ten that is no larger than this.
 pub(super) fn round_below(value: f64) -> f64 {
     let power = 10.0_f64.powf(value.log10().floor());
     // A little more, so that 0.1 is not rounded below itself.
@@ -12,7 +12,7 @@ pub(super) fn round_below(value: f64) -> f64 {
     [5.0, 2.0].into_iter().map(|digit| digit * power).find(|step| *step <= most).unwrap_or(power)
 }
 
-/// A length in metres, in centimetres or millimetres where it is short.
+/// Returns a length in metres, or in centimetres or millimetres if it is short.
 pub(super) fn length(metres: f64) -> String {
     match metres.abs() {
         size if size >= 1.0 || size == 0.0 => format!("{} m", number(metres)),
@@ -21,7 +21,7 @@ pub(super) fn length(metres: f64) -> String {
     }
 }
 
-/// Width and height in metres.
+/// Returns width and height in metres as text.
 pub(super) fn extent([width, height]: [f64; 2]) -> String {
     format!("{width:.2} × {height:.2} m")
 }

@@ -7,7 +7,7 @@ use polyptych_wall::wall_geometry::ScreenGeometry;
 /// Steps across and down a curved screen, with few and with many screens.
 const STEPS: [[usize; 2]; 2] = [[64, 16], [16, 4]];
 
-/// Screens of a wall from which on each has fewer steps, so that the drawing stays small.
+/// Maximum number of screens with the larger number of steps, so that the drawing stays small.
 const MANY: usize = 16;
 
 /// Lines across and down that show how a screen is curved.
@@ -37,12 +37,12 @@ impl ScreenShape {
         self.points[y * (self.steps[0] + 1) + x]
     }
 
-    /// All points.
+    /// Returns all points.
     pub fn points(&self) -> impl Iterator<Item = DVec3> + '_ {
         self.points.iter().flatten().copied()
     }
 
-    /// The middle of the screen; of a mesh without a middle, the mean of its points.
+    /// Returns the middle of the screen, or the mean of its points for a mesh without a middle.
     pub fn middle(&self) -> Option<DVec3> {
         let middle = match self.steps {
             [1, 1] => self.at(0, 0).zip(self.at(1, 1)).map(|(a, b)| a.midpoint(b)),
@@ -52,7 +52,7 @@ impl ScreenShape {
         middle.or_else(|| (count > 0).then(|| self.points().sum::<DVec3>() / count as f64))
     }
 
-    /// Its cells, each as four corners in order around it.
+    /// Returns its cells, each as four corners in order around it.
     pub fn cells(&self) -> impl Iterator<Item = [DVec3; 4]> + '_ {
         let cells = (0..self.steps[1]).flat_map(|y| (0..self.steps[0]).map(move |x| (x, y)));
         cells.filter_map(|(x, y)| {
@@ -62,7 +62,7 @@ impl ScreenShape {
         })
     }
 
-    /// Its edges, in pieces where there is no surface; without the sides at which it closes.
+    /// Returns its edges without the sides at which it closes, in pieces if there are gaps.
     pub fn edges(&self) -> Vec<Vec<DVec3>> {
         let [last, lowest] = self.steps;
         let mut lines = [self.row(0), self.row(lowest)].concat();
@@ -74,7 +74,7 @@ impl ScreenShape {
         lines
     }
 
-    /// Lines over a curved screen; none over a plane.
+    /// Returns lines over a curved screen; none over a plane.
     pub fn lines(&self) -> Vec<Vec<DVec3>> {
         let [across, down] = self.steps;
         let inner = |steps: usize| {
@@ -94,7 +94,7 @@ impl ScreenShape {
     }
 }
 
-/// The pieces of a line of two points and more.
+/// Returns the pieces of a line of two points and more.
 fn pieces(points: impl Iterator<Item = Option<DVec3>>) -> Vec<Vec<DVec3>> {
     let mut pieces = vec![Vec::new()];
     for point in points {

@@ -71,7 +71,7 @@ pub(super) struct ChannelView<'a> {
 struct MarkerError {
     channel: usize,
     marker: usize,
-    /// Where it must be in the channel's picture.
+    /// The place at which it must be, in pixels of the channel's picture.
     pixel: DVec2,
     error_px: DVec2,
     /// The error along the screen, in pixels of the channel and in the axes of display space.
@@ -274,7 +274,7 @@ impl MarkerError {
         is_around && !markers[self.marker].is_on_screen
     }
 
-    /// What reports say of it.
+    /// Returns the point as reports have it.
     fn point(
         &self,
         (wall, seen, markers): (&Wall, &[ChannelView<'_>], &[Marker]),

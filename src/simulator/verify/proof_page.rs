@@ -15,27 +15,27 @@ use crate::report_page::markup::{add, escaped, number};
 use crate::report_page::spread_plot::{Spread, SpreadPlot};
 use crate::report_page::{self, add_facts, add_row, begin_table, end_table};
 
-/// Points that are marked and listed.
+/// Maximum number of points that are marked and listed.
 const POINTS_MAX: usize = 16;
 
-/// Screens of which the difference is shown.
+/// Maximum number of screens whose difference is shown.
 const DIFFERENCES_MAX: usize = 8;
 
 /// The pictures of a proof.
 pub(crate) struct ProofPictures {
     wall: EmbeddedImage,
-    /// Where each screen begins in the wall's picture, by its index, in pixels.
+    /// The left side of each screen in the wall's picture, by its index, in pixels.
     lefts: Vec<f64>,
-    /// By screen.
+    /// The names of screens, each with the picture of its difference.
     differences: Vec<(String, EmbeddedImage)>,
 }
 
-/// All that a page shows.
+/// The contents of a page.
 pub(crate) struct ProofPage<'a> {
     pub wall: &'a Wall,
     /// The scene's file.
     pub scene: String,
-    /// The wall file by which is judged, if it is another one.
+    /// The wall file by which points are judged, if it is another one.
     pub as_built: Option<String>,
     pub table: &'a VerificationReport,
     pub pictures: ProofPictures,
@@ -44,7 +44,7 @@ pub(crate) struct ProofPage<'a> {
 }
 
 impl ProofPictures {
-    /// The picture of the wall in a capture.
+    /// Returns the picture of the wall in a capture.
     ///
     /// # Errors
     /// A picture without pixels.
@@ -58,7 +58,7 @@ impl ProofPictures {
         Ok(Self { wall, lefts, differences: Vec::new() })
     }
 
-    /// Adds what a screen differs by from the picture of one channel.
+    /// Adds the difference of a screen from the picture of one channel.
     ///
     /// # Errors
     /// A picture without pixels.
@@ -116,7 +116,7 @@ impl ProofPage<'_> {
         body.push_str("</dl>\n</details>\n");
     }
 
-    /// The picture of the wall with the worst points, and a list of them.
+    /// Adds the picture of the wall with the worst points, and a list of them.
     fn add_points(&self, body: &mut String) {
         body.push_str("<h2>The wall's picture</h2>\n");
         let worst = worst_points(&self.table.points);
@@ -199,8 +199,8 @@ fn add_target(body: &mut String, row: &Measurement) {
     );
 }
 
-/// The points that are farthest off in shares of their bounds, those that were not found first;
-/// each place of a channel once.
+/// Returns the points that are farthest off in shares of their bounds, those that were not found
+/// first; each place of a channel once.
 fn worst_points(points: &[MeasuredPoint]) -> Vec<&MeasuredPoint> {
     let mut sorted: Vec<&MeasuredPoint> = points.iter().collect();
     // NaN is larger than all numbers.

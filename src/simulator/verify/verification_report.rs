@@ -8,9 +8,9 @@ use serde::Serialize;
 /// All rows, as text for people and as JSON.
 #[derive(Debug, Default, Serialize)]
 pub(crate) struct VerificationReport {
-    /// In the order in which they were measured.
+    /// The rows, in the order in which they were measured.
     pub rows: Vec<Measurement>,
-    /// Points that channels showed: what the rows of points are made of.
+    /// The points that channels showed, from which the rows of points are made.
     #[serde(skip)]
     pub points: Vec<MeasuredPoint>,
 }
@@ -22,15 +22,15 @@ pub(crate) struct MeasuredPoint {
     pub channel: String,
     /// The index of its screen.
     pub screen: usize,
-    /// Where it must be, in pixels of the channel's picture.
+    /// The place at which it must be, in pixels of the channel's picture.
     pub pixel: DVec2,
-    /// Where that is on the screen's canvas, in pixels.
+    /// The place of `pixel` on the screen's canvas, in pixels; NaN if it lies beside it.
     pub canvas: DVec2,
-    /// How far off it was, in pixels of the channel; NaN where it was not found.
+    /// The distance from there, in pixels of the channel; NaN if it was not found.
     pub error_px: f64,
-    /// The most that it may be off.
+    /// The maximum of `error_px` that keeps the target.
     pub bound_px: f64,
-    /// How far from the origin the scene was, in metres.
+    /// The distance of the scene from the origin, in metres.
     pub offset_m: f64,
 }
 
@@ -90,13 +90,13 @@ impl VerificationReport {
         self.rows.push(Measurement { what, measured, unit, target, note, is_kept });
     }
 
-    /// The number of targets that are kept, and of all.
+    /// Returns the number of targets that are kept, and of all.
     pub fn kept(&self) -> (usize, usize) {
         let judged = || self.rows.iter().filter(|row| row.target.is_some());
         (judged().filter(|row| row.is_kept).count(), judged().count())
     }
 
-    /// The kinds of rows with what they mean, each once.
+    /// Returns the kinds of rows with their meanings, each once.
     pub fn meanings(&self) -> Vec<(&'static str, &'static str)> {
         let mut meanings = Vec::new();
         for found in self.rows.iter().filter_map(|row| meaning(&row.what)) {
@@ -121,7 +121,7 @@ pub(crate) const HEADINGS: [&str; 5] =
 const NUMBERS: usize = 1;
 
 impl Measurement {
-    /// What, measured, target, whether it is kept, and the note.
+    /// Returns the texts of its columns, in the order of [`HEADINGS`].
     pub fn cells(&self) -> [String; 5] {
         let target = match self.target {
             None => "none".to_owned(),
@@ -139,7 +139,7 @@ impl Measurement {
     }
 }
 
-/// For people: a table with headings, whether the targets are kept, and what the rows mean.
+/// A table for people with headings, the number of kept targets, and the meanings of rows.
 impl fmt::Display for VerificationReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let rows = self.rows.iter().map(Measurement::cells);
