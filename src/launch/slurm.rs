@@ -186,7 +186,7 @@ run() { # NAME NODE GPUS COMMAND...
     kept+=("$!")
 }
 
-trap 'kill -TERM "${kept[@]}" 2>/dev/null' TERM INT
+trap '[ "${#kept[@]}" -gt 0 ] || exit 143; kill -TERM "${kept[@]}" 2>/dev/null' TERM INT
 "#;
 
 const END: &str = r#"
