@@ -49,7 +49,7 @@ pub(crate) fn units(plan: &LaunchPlan, image: &str) -> anyhow::Result<UnitFiles>
     let argument = if plan.launch.keys.is_some() { " KEYS" } else { "" };
     let steps = vec![
         format!("sh {{DIR}}/secrets.sh{argument}   (KEYS: the folder that polyptych keys made)"),
-        "kubectl apply -f {DIR}".to_owned(),
+        "kubectl apply --server-side -f {DIR}".to_owned(),
     ];
     Ok(UnitFiles { files, steps })
 }
@@ -308,7 +308,7 @@ impl Manifests<'_> {
             "keys=${1:?the folder that polyptych keys made}\n\
              make() { # NAME FOLDER\n    \
                  kubectl create secret generic \"$1\" --from-file=\"$keys/$2\" \\\n        \
-                     --dry-run=client -o yaml | kubectl apply -f -\n\
+                     --dry-run=client -o yaml | kubectl apply --server-side -f -\n\
              }\n",
         );
         let _ = writeln!(text, "make {} manager", self.secret("manager"));
