@@ -3,6 +3,7 @@
 mod certificate_authority;
 mod cli;
 mod image_files;
+mod lane_drawing;
 mod launch;
 mod logging;
 mod outputs;

@@ -36,8 +36,8 @@ pub(crate) fn add_facts(body: &mut String, rows: &[(&str, String)]) {
 
 /// Begins a table with these headings, which are plain text.
 pub(crate) fn begin_table(body: &mut String, caption: &str, headings: &[&str]) {
-    let heads: String =
-        headings.iter().map(|head| format!("<th scope=\"col\">{head}</th>")).collect();
+    let head = |text: &&str| format!("<th scope=\"col\">{text}</th>");
+    let heads: String = headings.iter().map(head).collect();
     let caption = escaped(caption);
     add(
         body,

@@ -2,10 +2,13 @@
 
 pub mod incident;
 pub mod invariants;
+pub mod lanes;
 mod timeline;
 mod words;
 
+use incident::TimeRange;
 use invariants::Invariants;
+use lanes::{LaneRecorder, Lanes};
 use polyptych_core::{Cluster, Effect, Input, Micros};
 use serde::Serialize;
 use timeline::Timeline;
@@ -72,6 +75,7 @@ struct Replayer {
     cluster: Cluster,
     timeline: Timeline,
     invariants: Invariants,
+    lanes: Option<LaneRecorder>,
     part: ReplayRun,
     inputs: u64,
     last: Option<PendingCheck>,
@@ -90,20 +94,40 @@ struct PendingCheck {
 /// # Errors
 /// [`RingError`] where it can't be read, or was made by a program that this one does not know.
 pub fn replay(reader: &RingReader) -> Result<ReplayReport, RingError> {
-    let mut all = Replay::default();
+    Ok(run(Replay::default(), reader)?.replayed)
+}
+
+/// Replays all that a recording holds, and returns what happened in a range of it, too: `None`
+/// where there is no such part.
+///
+/// # Errors
+/// As [`replay`].
+pub fn replay_lanes(
+    reader: &RingReader,
+    range: &TimeRange,
+) -> Result<(ReplayReport, Option<Lanes>), RingError> {
+    let all = Replay { range: Some(range.clone()), ..Replay::default() };
+    let Replay { replayed, lanes, .. } = run(all, reader)?;
+    Ok((replayed, lanes))
+}
+
+fn run(mut all: Replay, reader: &RingReader) -> Result<Replay, RingError> {
     for &number in reader.segments() {
         for record in reader.read(number)? {
             all.read(record);
         }
     }
     all.end_part();
-    Ok(all.replayed)
+    Ok(all)
 }
 
 #[derive(Default)]
 struct Replay {
     replayed: ReplayReport,
     player: Option<Replayer>,
+    /// Of what lanes are wanted, if any.
+    range: Option<TimeRange>,
+    lanes: Option<Lanes>,
 }
 
 impl Replay {
@@ -152,7 +176,10 @@ impl Replay {
                 has_end: false,
                 summary,
             };
-            self.player = Some(Replayer::new(cluster, part, number));
+            let is_wanted = |range: &&TimeRange| range.part.is_none_or(|part| part == number);
+            let range = self.range.as_ref().filter(is_wanted);
+            let lanes = range.map(|range| LaneRecorder::new(&cluster, number, range));
+            self.player = Some(Replayer { lanes, ..Replayer::new(cluster, part, number) });
             return;
         };
         // The same inputs have led to the same state, or something else than inputs did.
@@ -201,6 +228,9 @@ impl Replay {
         self.settle(true);
         if let Some(player) = self.player.take() {
             let summary = player.timeline.finish(&player.cluster);
+            if let Some(recorder) = player.lanes {
+                self.lanes = Some(recorder.finish());
+            }
             self.replayed.parts.push(ReplayRun { summary, ..player.part });
         }
     }
@@ -217,7 +247,7 @@ impl Replayer {
     fn new(cluster: Cluster, part: ReplayRun, number: usize) -> Self {
         let timeline = Timeline::new(&cluster);
         let invariants = Invariants::new(&cluster, part.is_from_start, format!("part {number}"));
-        Self { cluster, timeline, invariants, part, inputs: 0, last: None }
+        Self { cluster, timeline, invariants, lanes: None, part, inputs: 0, last: None }
     }
 
     /// Tells the core; gives the invariant that this has broken, if one.
@@ -225,6 +255,9 @@ impl Replayer {
         self.inputs += 1;
         let (outputs, refusal) = tell(&mut self.cluster, now, input.clone());
         self.timeline.observe(now, &input, &outputs, refusal.as_deref(), &self.cluster);
+        if let Some(lanes) = &mut self.lanes {
+            lanes.observe(now, &input, &outputs, &self.cluster);
+        }
         let broken = self.invariants.observe(now, &input, &outputs, &self.cluster).err();
         let decision = EffectDigest::from_effects(outputs.iter(), refusal.as_deref());
         self.last = Some(PendingCheck { now, input, decision, is_compared: false });

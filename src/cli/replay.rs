@@ -8,17 +8,24 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, anyhow, bail};
 use polyptych_manager::recorder::ring::RingReader;
 use polyptych_manager::replay::incident::{Incident, TimeRange};
-use polyptych_manager::replay::{ReplayReport, ReplayRun, replay};
+use polyptych_manager::replay::lanes::Lanes;
+use polyptych_manager::replay::{ReplayReport, ReplayRun, replay, replay_lanes};
 use polyptych_text::{counted, printable};
 use time::OffsetDateTime;
 
 use super::say;
-use crate::{logging, outputs};
+use crate::report_page::markup::{add, escaped};
+use crate::report_page::{self, add_facts, add_row, begin_table, end_table};
+use crate::{lane_drawing, logging, outputs};
+
+/// Events in a page; the timeline has all.
+const EVENTS_MAX: usize = 1000;
 
 /// Where incidents are kept for the tests of a checkout.
 const INCIDENTS: &str = "server-manager/tests/incidents";
 
 #[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("of a part").args(["keep", "svg", "html"]).multiple(true))]
 pub(super) struct Arguments {
     /// What `--record` has written, or an incident that was kept
     file: PathBuf,
@@ -26,16 +33,23 @@ pub(super) struct Arguments {
     #[arg(long)]
     json: bool,
     /// Keep it as a test: NAME in a checkout's server-manager/tests/incidents, or a path
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["svg", "html"])]
     keep: Option<String>,
-    /// Of what is kept: which part of the recording, as the timeline counts [default: the last]
-    #[arg(long, value_name = "N", requires = "keep")]
+    /// Draw lanes over time, of manager, channels and clients: an SVG file
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
+    /// Write lanes and events as one page: an HTML file
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+    /// Of what is kept or drawn: which part of the recording, as the timeline counts [default: the
+    /// last]
+    #[arg(long, value_name = "N", requires = "of a part")]
     part: Option<usize>,
-    /// Of what is kept: from this manager time on [default: from the part's beginning]
-    #[arg(long, value_name = "SECONDS", requires = "keep", value_parser = seconds)]
+    /// Of what is kept or drawn: from this manager time on [default: from the part's beginning]
+    #[arg(long, value_name = "SECONDS", requires = "of a part", value_parser = seconds)]
     from: Option<f64>,
-    /// Of what is kept: up to this manager time [default: to the part's end]
-    #[arg(long, value_name = "SECONDS", requires = "keep", value_parser = seconds)]
+    /// Of what is kept or drawn: up to this manager time [default: to the part's end]
+    #[arg(long, value_name = "SECONDS", requires = "of a part", value_parser = seconds)]
     to: Option<f64>,
     /// Write over what was kept under this name
     #[arg(long, requires = "keep")]
@@ -55,7 +69,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let begin = Instant::now();
-    let replayed = replay(&reader)?;
+    let is_drawn = arguments.svg.is_some() || arguments.html.is_some();
+    let replayed = if is_drawn { draw(&reader, arguments)? } else { replay(&reader)? };
     if replayed.inputs == 0 {
         bail!("{}: nothing was recorded whole", arguments.file.display());
     }
@@ -68,6 +83,71 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
+/// Replays, and writes the lanes of a part.
+fn draw(reader: &RingReader, arguments: &Arguments) -> anyhow::Result<ReplayReport> {
+    let outputs = [&arguments.svg, &arguments.html];
+    outputs.into_iter().flatten().try_for_each(|file| outputs::check(file))?;
+    let range = arguments.range();
+    if let (Some(from), Some(to)) = (range.from_s, range.to_s)
+        && to <= from
+    {
+        bail!("--to {to} is not after --from {from}; give a later time");
+    }
+    let (replayed, lanes) = replay_lanes(reader, &range)?;
+    let named = arguments.file.display();
+    let Some(lanes) = lanes.filter(|lanes| lanes.to_s > 0.0 || !lanes.channels.is_empty()) else {
+        let parts = replayed.parts.len();
+        bail!("{named}: there is no such part to draw; the recording has {parts}, see --part");
+    };
+    let name = arguments.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let drawing = lane_drawing::svg(&lanes, &name);
+    if let Some(file) = &arguments.html {
+        outputs::write(file, page(&name, &replayed, &lanes, &drawing).as_bytes())?;
+    }
+    if let Some(file) = &arguments.svg {
+        outputs::write(file, drawing.as_bytes())?;
+    }
+    Ok(replayed)
+}
+
+/// Lanes and events as a page.
+fn page(name: &str, replayed: &ReplayReport, lanes: &Lanes, drawing: &str) -> String {
+    let title = format!("Recording {name}");
+    let mut body = format!("<h1>{}</h1>\n", escaped(&title));
+    let is_same = if replayed.differences == 0 { "yes".to_owned() } else { "no".to_owned() };
+    let facts = [
+        ("Inputs", replayed.inputs.to_string()),
+        ("Decided again as then", is_same),
+        ("Broken invariant", replayed.violation.clone().unwrap_or_else(|| "none".into())),
+    ];
+    add_facts(&mut body, &facts);
+    body.push_str(drawing);
+    let Some(part) = lanes.part.checked_sub(1).and_then(|index| replayed.parts.get(index)) else {
+        return report_page::page(&title, &body);
+    };
+    let is_drawn = |at_s: f64| at_s >= lanes.from_s && at_s <= lanes.to_s;
+    let events = part.summary.events.iter().filter(|event| is_drawn(event.at_s));
+    begin_table(&mut body, "Events", &["Time, UTC", "Manager, s", "Kind", "What"]);
+    for event in events.clone().take(EVENTS_MAX) {
+        let time = clock(part, event.at_s).time();
+        let text = printable(&event.text).into_owned();
+        add_row(&mut body, &[time, format!("{:.3}", event.at_s), event.kind.to_owned(), text]);
+    }
+    end_table(&mut body);
+    let more = events.count().saturating_sub(EVENTS_MAX) as u64 + part.summary.events_more;
+    if more > 0 {
+        let text = counted(more, "more event");
+        add(&mut body, format_args!("<p class=\"note\">And {text}.</p>\n"));
+    }
+    report_page::page(&title, &body)
+}
+
+impl Arguments {
+    fn range(&self) -> TimeRange {
+        TimeRange { part: self.part, from_s: self.from, to_s: self.to }
+    }
+}
+
 /// Incidents are text, recordings are not.
 fn is_text(path: &Path) -> anyhow::Result<bool> {
     let mut first = [0];
@@ -77,8 +157,10 @@ fn is_text(path: &Path) -> anyhow::Result<bool> {
 }
 
 fn check(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    if arguments.keep.is_some() {
-        bail!("{}: is kept already; --keep takes a recording", arguments.file.display());
+    let wants = [("--svg", &arguments.svg), ("--html", &arguments.html)];
+    let wanted = wants.into_iter().find(|(_, file)| file.is_some()).map(|(name, _)| name);
+    if let Some(name) = wanted.or(arguments.keep.is_some().then_some("--keep")) {
+        bail!("{}: is an incident; {name} takes a recording", arguments.file.display());
     }
     let incident = Incident::load(&arguments.file).map_err(|reason| anyhow!("{reason}"))?;
     let named = || arguments.file.display().to_string();
@@ -106,7 +188,7 @@ fn keep(reader: &RingReader, name: &str, arguments: &Arguments) -> anyhow::Resul
         bail!("{INCIDENTS} is not here; run this in a checkout, or name a path: ./{name}.incident");
     };
     outputs::check_source(&path, arguments.force)?;
-    let cut = TimeRange { part: arguments.part, from_s: arguments.from, to_s: arguments.to };
+    let cut = arguments.range();
     let named = || arguments.file.display().to_string();
     let incident = Incident::extract(reader, &cut, &arguments.about);
     let incident = incident.map_err(|reason| anyhow!("{reason}")).with_context(named)?;

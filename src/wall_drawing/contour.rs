@@ -96,7 +96,8 @@ fn crossing(grid: &Grid, inside: &[bool], side: Side, is_inside: &impl Fn(DVec2)
     if !grid.is_around(beyond.0, beyond.1) {
         for _ in 0..BISECTIONS {
             let middle = low.midpoint(high);
-            if is_inside(middle) { low = middle } else { high = middle }
+            let end = if is_inside(middle) { &mut low } else { &mut high };
+            *end = middle;
         }
     }
     low.midpoint(high)

@@ -54,6 +54,7 @@ fn an_incident_is_recorded_replayed_and_kept() {
     for mark in ["RenderFrame", "OpenScene", " { ", "Some(", "None"] {
         assert!(!told.contains(mark), "{mark:?}: {told}");
     }
+    check_lanes(place, &text, &victim.name);
     let json = place.run(["replay", &text, "--json"]).succeeded();
     let json: Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e}: {json}"));
     assert_eq!((&json["differences"], &json["violation"]), (&0.into(), &Value::Null));
@@ -84,4 +85,25 @@ fn an_incident_is_recorded_replayed_and_kept() {
     let wall = place.path("wall.toml");
     let wall = wall.to_str().expect("text");
     place.run(["manager", wall, "--record", &text]).failed(&["not a recording"]);
+}
+
+/// Checks that a recording is drawn as lanes, in which the channel that was lost was lost.
+fn check_lanes(place: &TestDir, record: &str, lost: &str) {
+    place.run(["replay", record, "--svg", "lanes.svg", "--html", "lanes.html"]).succeeded();
+    let svg = fs::read_to_string(place.path("lanes.svg")).expect("lanes");
+    let document = roxmltree::Document::parse(&svg).expect("XML");
+    let of_class = |class: &str| {
+        document.descendants().filter(|node| node.attribute("class") == Some(class)).count()
+    };
+    assert!(of_class("l-lost") > 1, "and the legend: {svg}");
+    // The manager's and the legend's; those of both channels, of the client and of the legend.
+    assert_eq!(of_class("l-frames"), 2);
+    assert!(of_class("l-busy") >= 4 && of_class("l-shown") >= 4, "{svg}");
+    assert!(svg.contains(&format!(">{lost}</text>")) && svg.contains("lost: "), "{svg}");
+    let page = fs::read_to_string(place.path("lanes.html")).expect("a page");
+    let page = roxmltree::Document::parse(page.split_once('\n').expect("lines").1).expect("XML");
+    assert!(page.descendants().any(|node| node.text() == Some("Events")));
+    let late = ["replay", record, "--svg", "none.svg", "--part", "99"];
+    place.run(late).failed(&["there is no such part", "--part"]);
+    place.run(["replay", record, "--from", "1"]).failed(&["--svg"]);
 }

@@ -233,7 +233,7 @@ impl Timeline {
 }
 
 /// Returns whether clients send such requests all the time.
-fn is_everyday(request: &Request) -> bool {
+pub(super) fn is_everyday(request: &Request) -> bool {
     matches!(
         request,
         Request::RenderFrame { .. }
