@@ -25,6 +25,9 @@ const CLIENTS_MAX: usize = 32;
 /// Intervals that are nearer to each other on paper become one.
 const GAP_PX: f64 = 0.8;
 
+/// Bars from this width on stay apart, with a gap after each.
+const WIDE_PX: f64 = 4.0;
+
 /// Letters of a name, and of the words beside a mark.
 const NAME_LETTERS: usize = 28;
 const WORD_LETTERS: usize = 60;
@@ -187,7 +190,9 @@ fn add_intervals(
     for (from, to, _) in &of.list {
         let (from, to) = (axis.place(*from), axis.place(*to));
         match bars.last_mut() {
-            Some(last) if from - last.1 < GAP_PX => last.1 = last.1.max(to),
+            Some(last) if from - last.1 < GAP_PX && (last.1 - last.0).min(to - from) < WIDE_PX => {
+                last.1 = last.1.max(to);
+            }
             _ => bars.push((from, to)),
         }
     }
@@ -195,7 +200,8 @@ fn add_intervals(
         return;
     }
     let bar = |(from, to): (f64, f64)| {
-        let width = (to - from).max(GAP_PX);
+        let gap = if to - from < WIDE_PX { 0.0 } else { GAP_PX };
+        let width = (to - from - gap).max(GAP_PX);
         format!("M{from:.1} {top}h{width:.1}v{height}h-{width:.1}z")
     };
     let data: String = bars.into_iter().map(bar).collect();
@@ -289,12 +295,18 @@ fn add_legend(svg: &mut String, lanes: &Lanes, bottom: f64) {
 mod tests {
     use super::*;
 
+    fn intervals(list: Vec<(f64, f64, u64)>) -> Intervals {
+        let mut intervals = Intervals::default();
+        intervals.list = list;
+        intervals
+    }
+
     fn lane(name: &str) -> Lane {
         Lane {
             name: name.to_owned(),
             server: Some("pc-1".to_owned()),
             states: vec![(1.0, ChannelState::Live), (3.0, ChannelState::Lost)],
-            busy: Intervals { list: vec![(1.0, 1.5, 1), (2.0, 2.5, 3)], ..Default::default() },
+            busy: intervals(vec![(1.0, 1.5, 1), (2.0, 2.5, 3)]),
             marks: vec![Mark { at_s: 3.0, is_trouble: true, text: "lost: <gone>\u{1b}".into() }],
             ..Lane::default()
         }
@@ -307,7 +319,7 @@ mod tests {
             part: 1,
             from_s: 1.0,
             to_s: 5.0,
-            frames: Intervals { list: vec![(1.0, 2.0, 1)], ..Intervals::default() },
+            frames: intervals(vec![(1.0, 2.0, 1)]),
             channels,
             clients: vec![lane("demo & more")],
         };
@@ -321,7 +333,7 @@ mod tests {
         let frames = document.descendants().find(|n| n.attribute("class") == Some("l-frames"));
         let data = frames.and_then(|node| node.attribute("d")).expect("a bar");
         // A quarter of the time, from the beginning on.
-        let width = (WIDTH - NAMES - MARGIN) / 4.0;
+        let width = (WIDTH - NAMES - MARGIN) / 4.0 - GAP_PX;
         assert!(data.starts_with(&format!("M{NAMES:.1} ")), "{data}");
         assert!(data.contains(&format!("h{width:.1}v")), "{data}");
     }

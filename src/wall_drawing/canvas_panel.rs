@@ -217,7 +217,7 @@ impl CanvasPanel<'_, '_> {
             let (id, mut uses, mut texts) = (self.id(second), String::new(), Vec::new());
             for (first, overlap) in others {
                 add(&mut uses, format_args!("<use href=\"#{}\"/>", self.id(first)));
-                texts.push(escaped(&self.overlap_text(overlap)));
+                texts.push(escaped(&overlap_text(overlap)));
             }
             texts.truncate(8);
             add(
@@ -229,15 +229,6 @@ impl CanvasPanel<'_, '_> {
                 ),
             );
         }
-    }
-
-    fn overlap_text(&self, overlap: &OverlapRow) -> String {
-        let [first, second] = &overlap.channels;
-        let [width, height] = overlap.patch.pixels.map(|pixels| number(pixels.round()));
-        let size = overlap.patch.size_m.map(|size| format!(", {}", scale::extent(size)));
-        let blend = if overlap.is_blended { "" } else { ", not blended" };
-        let size = size.unwrap_or_default();
-        format!("{first} and {second} share {width} × {height} px{size}{blend}")
     }
 
     /// Adds the lines at which a channel has equal shares of the light.
@@ -379,6 +370,16 @@ fn weight_at(blend: &BlendModel<'_>, id: ChannelId, canvas: DVec2) -> f64 {
 
 fn percent(share: f64) -> f64 {
     (share * 1e4).round() / 1e2
+}
+
+/// Returns what two channels share, in words.
+fn overlap_text(overlap: &OverlapRow) -> String {
+    let [first, second] = &overlap.channels;
+    let [width, height] = overlap.patch.pixels.map(|pixels| number(pixels.round()));
+    let size = overlap.patch.size_m.map(|size| format!(", {}", scale::extent(size)));
+    let blend = if overlap.is_blended { "" } else { ", not blended" };
+    let size = size.unwrap_or_default();
+    format!("{first} and {second} share {width} × {height} px{size}{blend}")
 }
 
 /// Returns the facts about a channel in short lines, its name first.

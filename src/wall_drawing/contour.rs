@@ -32,11 +32,6 @@ impl Grid {
     fn is_around(&self, x: usize, y: usize) -> bool {
         x == 0 || y == 0 || x > self.cells + 1 || y > self.cells + 1
     }
-
-    /// Returns the two places at the ends of a side.
-    fn ends(&self, (x, y, along): Side) -> [(usize, usize); 2] {
-        [(x, y), if along == 0 { (x + 1, y) } else { (x, y + 1) }]
-    }
 }
 
 /// Returns the closed outlines of the part of a rectangle for which `is_inside` holds, holes among
@@ -89,7 +84,8 @@ pub(super) fn contours(
 
 /// Returns the place of a side at which the region ends.
 fn crossing(grid: &Grid, inside: &[bool], side: Side, is_inside: &impl Fn(DVec2) -> bool) -> DVec2 {
-    let [a, b] = grid.ends(side);
+    let (x, y, along) = side;
+    let (a, b) = ((x, y), if along == 0 { (x + 1, y) } else { (x, y + 1) });
     let is_a = inside[a.1 * grid.count() + a.0];
     let (within, beyond) = if is_a { (a, b) } else { (b, a) };
     let (mut low, mut high) = (grid.place(within.0, within.1), grid.place(beyond.0, beyond.1));

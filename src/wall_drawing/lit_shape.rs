@@ -74,7 +74,7 @@ impl LitShape {
         };
         let room = canvas.iter().map(point).collect();
         let edges = canvas.iter().flat_map(|outline| edges(outline, ground)).collect();
-        Self { room, edges, canvas, ..nothing }
+        Self { canvas, room, edges, ..nothing }
     }
 }
 

@@ -10,6 +10,7 @@ use super::contour::contours;
 use super::label::{Label, Labels};
 use super::polygon::{self, hull, simplified};
 use super::scale::{self, add_bar, length, round_below};
+use super::screen_shape::ScreenShape;
 use super::{Drawing, color_class};
 use crate::report_page::markup::{add, escaped, path};
 
@@ -102,7 +103,7 @@ pub(super) fn reach(drawing: &Drawing<'_>, side: Side) -> [DVec2; 2] {
         ChannelKind::Projector(projector) => Some(projector.position),
         _ => None,
     });
-    let screens = drawing.screens.iter().flat_map(|screen| screen.points());
+    let screens = drawing.screens.iter().flat_map(ScreenShape::points);
     let lit = drawing.lit.iter().flat_map(|shape| shape.room.iter().flatten().copied());
     let all = screens.chain(lit).chain(lenses).chain([wall.eye]);
     let flat = all.map(|point| side.flat(point));

@@ -138,9 +138,10 @@ fn channels_lie_on_their_canvas_pixel_by_pixel() {
 fn every_wall_of_configs_is_well_formed_and_refers_to_nothing_outside() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
     let entries = std::fs::read_dir(folder).expect("configs").map(|entry| entry.expect("entry"));
-    let names = entries.map(|entry| entry.file_name().into_string().expect("UTF-8"));
+    let paths = entries.map(|entry| entry.path());
     let mut count = 0;
-    for name in names.filter(|name| name.ends_with(".toml")) {
+    for path in paths.filter(|path| path.extension().is_some_and(|end| end == "toml")) {
+        let name = path.file_name().and_then(|name| name.to_str()).expect("UTF-8").to_owned();
         count += 1;
         let text = drawing_of(&config(&name));
         let document = Document::parse(&text).unwrap_or_else(|error| panic!("{name}: {error}"));
