@@ -43,7 +43,7 @@ const STRIP_SHARE: f64 = 0.8;
 
 /// Sizes of the letters of a channel's name, of which the largest that fits is taken. The smallest
 /// ones are for walls of a thousand channels, of which a part is looked at.
-const NAME_SIZES: [f64; 7] = [12.0, 11.0, 9.5, 8.0, 6.5, 5.5, 4.5];
+const NAME_SIZES: [f64; 8] = [12.0, 11.0, 9.5, 8.0, 6.5, 5.5, 4.5, 3.8];
 
 /// A canvas on paper.
 pub(super) struct CanvasPanel<'a, 'b> {

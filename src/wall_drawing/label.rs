@@ -10,6 +10,10 @@ const LETTER: f64 = 0.57;
 /// Height of a line in heights of a letter.
 const LINE: f64 = 1.25;
 
+/// Width of the line of paper around letters, in heights of them, and at most.
+const HALO: f64 = 0.27;
+const HALO_MAX: f64 = 3.0;
+
 /// The places of a drawing that labels have taken, as low and high corners.
 #[derive(Debug, Default)]
 pub(super) struct Labels {
@@ -64,11 +68,12 @@ impl Label {
             let class = if index == 0 { "w-name" } else { "w-fact" };
             let y = top + (index as f64 + 0.8) * LINE * self.size;
             let (x, size, text) = (middle.x, self.size, escaped(line));
+            let halo = (size * HALO).min(HALO_MAX);
             add(
                 svg,
                 format_args!(
                     "<text class=\"{class} w-middle\" x=\"{x:.1}\" y=\"{y:.1}\" \
-                     style=\"font-size:{size:.1}px\">{text}</text>\n"
+                     style=\"font-size:{size:.1}px;stroke-width:{halo:.1}px\">{text}</text>\n"
                 ),
             );
         }

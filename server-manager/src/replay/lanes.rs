@@ -71,8 +71,9 @@ pub struct Lane {
 pub struct Lanes {
     /// The part, from 1.
     pub part: usize,
-    /// Manager time of the beginning and of the end, in seconds.
+    /// Manager time of the first input, in seconds.
     pub from_s: f64,
+    /// Manager time of the last input, in seconds.
     pub to_s: f64,
     /// From frame commands to their swaps.
     pub frames: Intervals,
