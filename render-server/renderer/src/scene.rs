@@ -9,6 +9,7 @@ mod draw_item;
 mod geometry;
 mod identity;
 mod items_by_batch;
+mod lamp_grid;
 mod layout;
 mod light;
 mod material;
@@ -40,6 +41,7 @@ pub(crate) use draw_item::PlacedMesh;
 pub(crate) use draw_item::{Bounds, DrawItem, EyeRelativeTransform, Stance, relative_to};
 pub(crate) use geometry::Geometry;
 pub(crate) use identity::SceneIdentity;
+pub(crate) use lamp_grid::LampGrid;
 pub use layout::SceneLayout;
 pub(crate) use light::{DirectionalLight, LocalLight};
 pub(crate) use material::{MaterialGroups, MaterialUniform};
@@ -103,11 +105,18 @@ impl GpuScene {
         self.environment.as_ref()
     }
 
+    /// The factor of the radiance of its surroundings: beside lights in real units they are as
+    /// bright as its own sky is, which its file has in these units.
+    pub(crate) fn surroundings_scale(&self) -> f32 {
+        self.layout.content().exposure.map_or(1.0, f32::recip)
+    }
+
     /// The radiance of a white fog: what comes from all around, and the light of suns, scattered
     /// evenly over all directions. Lamps and shadows do not count.
     pub(crate) fn scattered(&self, part: Selection) -> Vec3 {
         let own = (self.layout.sky + self.layout.ground) * 0.5;
-        let around = self.environment.as_ref().map_or(own, |of| of.mean());
+        let scale = self.surroundings_scale();
+        let around = self.environment.as_ref().map_or(own, |of| of.mean() * scale);
         let suns = self.suns().iter().map(|sun| sun.on.color_in(sun.irradiance, part));
         around + suns.sum::<Vec3>() / (4.0 * std::f32::consts::PI)
     }

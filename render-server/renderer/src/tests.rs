@@ -13,6 +13,7 @@ mod furnace;
 mod harness;
 mod iridescence;
 mod labels;
+mod lamp_grid;
 mod lamp_shadows;
 mod level_choice;
 mod levels;

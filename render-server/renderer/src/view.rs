@@ -5,7 +5,7 @@ use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
 use polyptych_scene::{Fog, SceneSubset, ToneMapper};
 
 use super::cull::FrustumPlanes;
-use super::scene::{Bounds, GpuScene, LocalLight, Selection};
+use super::scene::{Bounds, GpuScene, LampGrid, LocalLight, Selection};
 
 /// Directional lights in the uniforms; further ones are looked up like lamps.
 pub(crate) const SUNS_MAX: usize = 4;
@@ -95,6 +95,10 @@ pub(crate) struct FrameUniform {
     pub fog_fall: f32,
     pub eye: [f32; 4],
     pub fog: [f32; 4],
+    pub lamp_origin: [f32; 3],
+    pub cells_per_unit: f32,
+    pub lamp_cells: [u32; 3],
+    pub surroundings: f32,
     pub suns: [DirectionalLightRecord; SUNS_MAX],
 }
 
@@ -234,6 +238,8 @@ impl ViewDesc {
         let fog_log = fog.map_or(FOG_LOG_OF_NONE, |fog| {
             fog.log_density(self.eye_in_world.y).clamp(-FOG_LOG_MAX, FOG_LOG_MAX)
         });
+        let grid = scene.layout.lights.grid.as_ref();
+        let from_eye = |grid: &LampGrid| (grid.origin - self.eye_in_world).as_vec3();
         FrameUniform {
             clip_from_eye: clip_from_eye.to_cols_array_2d(),
             sky: scene.layout.sky.to_array(),
@@ -242,6 +248,10 @@ impl ViewDesc {
             fog_fall: fog.map_or(0.0, |fog| fog.fall()) as f32,
             eye: eye.to_array(),
             fog: (color * scene.scattered(part)).extend(fog_log as f32).to_array(),
+            lamp_origin: grid.map_or(Vec3::ZERO, from_eye).to_array(),
+            cells_per_unit: grid.map_or(0.0, |grid| grid.side.recip() as f32),
+            lamp_cells: grid.map_or([0; 3], |grid| grid.cells.to_array()),
+            surroundings: scene.surroundings_scale(),
             suns,
         }
     }

@@ -18,6 +18,12 @@ struct Frame {
     eye: vec4<f32>,
     // Radiance of fog; w is the logarithm of its density at the eye.
     fog: vec4<f32>,
+    // The least corner of the grid of lamps, and its cells along each axis; see `lamp_grid.rs`.
+    lamp_origin: vec3<f32>,
+    cells_per_unit: f32,
+    lamp_cells: vec3<u32>,
+    // The radiance of a map of the surroundings is times this.
+    surroundings: f32,
     suns: array<Sun, 4>,
 }
 

@@ -13,6 +13,9 @@ const VARIANCE_MAX: f32 = 0.18;
 
 override SUN_COUNT: u32 = 1u;
 override LAMPS: bool = false;
+// In the count of an item's lamps: those of the cells of its places shine on it too.
+const IN_CELLS: u32 = 0x80000000u;
+const NO_LAMP: u32 = 0xffffffffu;
 
 struct Surface {
     normal: vec3<f32>,
@@ -126,6 +129,18 @@ fn lamp_light(s: Surface, position: vec3<f32>, lamp: Lamp) -> vec3<f32> {
         strength = 1.0;
     }
     return reflect_light(s, toward, lamp.intensity * strength);
+}
+
+// First and end of the list of the lamps that may have light in the cell of a place.
+fn lamps_of_cell(position: vec3<f32>) -> vec2<u32> {
+    let at = floor((position - frame.lamp_origin) * frame.cells_per_unit);
+    let is_inside = all(at >= vec3<f32>(0.0)) && all(at < vec3<f32>(frame.lamp_cells));
+    if !is_inside {
+        return vec2<u32>(0u);
+    }
+    let cell = vec3<u32>(at);
+    let index = (cell.z * frame.lamp_cells.y + cell.y) * frame.lamp_cells.x + cell.x;
+    return vec2<u32>(lamp_indices[index], lamp_indices[index + 1u]);
 }
 
 // Radiance of the surroundings along a direction; `width` is how far the horizon is blurred.
@@ -242,11 +257,21 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     if SUN_COUNT > 2u { light += sun_light(s, 2u, position, facing); }
     if SUN_COUNT > 3u { light += sun_light(s, 3u, position, facing); }
     if LAMPS {
-        let list = lamps_of(v);
-        for (var i = 0u; i < list.y; i++) {
+        var list = lamps_of(v);
+        var near = vec2<u32>(0u);
+        if (list.y & IN_CELLS) != 0u {
+            near = lamps_of_cell(position);
+        }
+        list.y = list.x + (list.y & ~IN_CELLS);
+        // Both are in rising order, and so is their union: the order of sums is that of the file.
+        while list.x < list.y || near.x < near.y {
+            let of_item = select(NO_LAMP, lamp_indices[list.x], list.x < list.y);
+            let of_cell = select(NO_LAMP, lamp_indices[near.x], near.x < near.y);
+            let at = min(of_item, of_cell);
+            list.x += u32(of_item == at);
+            near.x += u32(of_cell == at);
             let without = light; //? lamp_shadows
-            light += lamp_light(s, position, lamps[lamp_indices[list.x + i]]);
-            let at = lamp_indices[list.x + i]; //? lamp_shadows
+            light += lamp_light(s, position, lamps[at]);
             let is_lit = any(light != without); //? lamp_shadows
             let lit = position; //? lamp_shadows & !diffuse_transmission
             let side = facing; //? lamp_shadows & !diffuse_transmission

@@ -1,6 +1,7 @@
 //! Lights as placed in the world, and which items each can reach.
 
 use std::collections::HashMap;
+use std::f64::consts::FRAC_PI_2;
 
 use glam::{DAffine3, DVec3, Vec3};
 use polyptych_scene::{Light, LightKind, NodeTraits, Scene};
@@ -8,6 +9,7 @@ use polyptych_wall::ShadowFilter;
 
 use super::SceneError;
 use super::draw_item::Bounds;
+use super::lamp_grid::{GRID_LAMPS_MIN, IN_CELLS, LampGrid};
 use super::moved_items::MovedNode;
 use super::subset::{Selection, layer_bit};
 use crate::view::SUNS_MAX;
@@ -30,6 +32,10 @@ pub(super) const LAMP_INDICES_MAX: usize = 16 << 20;
 
 /// Widens the reach of a lamp by more than the shader's rounding.
 const REACH_SLACK: f64 = 1.0 + 1e-5;
+
+/// Widens the cone of a lamp, in radians, by more than the cosines of its edge round in f32, also
+/// where the cone is narrow.
+const CONE_SLACK_RAD: f64 = 2e-3;
 
 /// The parts of a scene that a light shines in.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,8 +127,10 @@ pub(crate) struct Lights {
     pub lamps: Vec<LocalLight>,
     /// A point or spot light casts shadows, or may at another moment.
     pub has_lamp_shadows: bool,
-    /// Lists of lamps; each item has a range of it.
+    /// Lists of lamps: those of the cells of the grid, then others, of which each item has a range.
     pub indices: Vec<u32>,
+    /// The grid, if many lamps have a reach.
+    pub grid: Option<LampGrid>,
     moving: Vec<MovingLight>,
     known: HashMap<Vec<u32>, [u32; 2]>,
 }
@@ -155,6 +163,9 @@ impl Lights {
             lights.suns.push(DEFAULT_SUN);
         } else if !is_lit {
             lights.add(LocalLight::of_sun(&DEFAULT_SUN, Condition::Without(layers)), false);
+        }
+        if let Some((grid, lists)) = LampGrid::new(&lights.lamps) {
+            (lights.grid, lights.indices) = (Some(grid), lists);
         }
         lights
     }
@@ -207,14 +218,15 @@ impl Lights {
         if has_shadows { ShadowFilter::default() } else { ShadowFilter::Off }
     }
 
-    /// Returns start and count of the list of the lamps that reach a box. Equal lists are shared.
+    /// Returns start and count of the list of the lamps that reach a box, as
+    /// [`Self::lamps_reaching`] gives it. Equal lists are shared.
     ///
     /// # Errors
     /// All lists together would be longer than [`LAMP_INDICES_MAX`].
     pub fn lights_affecting(&mut self, bounds: &Bounds) -> Result<[u32; 2], SceneError> {
-        let list = self.lamps_reaching(bounds);
-        if let Some(&range) = self.known.get(&list) {
-            return Ok(range);
+        let (list, in_cells) = self.lamps_reaching(bounds);
+        if let Some(&[start, count]) = self.known.get(&list) {
+            return Ok([start, count | in_cells]);
         }
         if self.indices.len() + list.len() > LAMP_INDICES_MAX {
             return Err(SceneError::Description(format!(
@@ -222,16 +234,23 @@ impl Lights {
                  entries; give the lights shorter ranges"
             )));
         }
-        let range = [self.indices.len() as u32, list.len() as u32];
+        let [start, count] = [self.indices.len() as u32, list.len() as u32];
         self.indices.extend_from_slice(&list);
-        self.known.insert(list, range);
-        Ok(range)
+        self.known.insert(list, [start, count]);
+        Ok([start, count | in_cells])
     }
 
-    /// Returns the lamps that reach a box, in order.
-    pub fn lamps_reaching(&self, bounds: &Bounds) -> Vec<u32> {
+    /// Returns the lamps that reach a box, in order, and 0. If many of them are in the grid, these
+    /// are left out, and the number is [`IN_CELLS`].
+    pub fn lamps_reaching(&self, bounds: &Bounds) -> (Vec<u32>, u32) {
         let reaches = |&index: &u32| self.lamps[index as usize].reaches(bounds);
-        (0..self.lamps.len() as u32).filter(reaches).collect()
+        let mut list: Vec<u32> = (0..self.lamps.len() as u32).filter(reaches).collect();
+        let Some(grid) = &self.grid else { return (list, 0) };
+        if list.iter().filter(|lamp| grid.holds(**lamp)).count() < GRID_LAMPS_MIN {
+            return (list, 0);
+        }
+        list.retain(|lamp| !grid.holds(*lamp));
+        (list, IN_CELLS)
     }
 
     /// Forgets which lists are equal, once all are made: that takes as much memory as the lists.
@@ -256,7 +275,7 @@ impl LocalLight {
         }
     }
 
-    fn new(light: &Light, world_from_node: &DAffine3, on: Condition) -> Self {
+    pub(super) fn new(light: &Light, world_from_node: &DAffine3, on: Condition) -> Self {
         let along = world_from_node.transform_vector3(DVec3::NEG_Z);
         let direction = along.try_normalize().unwrap_or(DVec3::NEG_Z).as_vec3();
         let cone = match light.kind {
@@ -291,11 +310,29 @@ impl LocalLight {
         f64::from(self.inverse_range).recip()
     }
 
+    /// The distance beyond which the shader's falloff is 0, in units of the world; `None` if it has
+    /// no end or the light may move.
+    pub(super) fn bounded_reach(&self) -> Option<f64> {
+        self.range.filter(|_| !self.directional).map(|range| range * REACH_SLACK)
+    }
+
+    /// Returns whether it may have light in a box whose sphere its cone meets. Of a cone of half
+    /// angle α around an axis, a point at h along the axis and r beside it is r cos α − h sin α
+    /// away.
+    pub(super) fn shines_towards(&self, bounds: &Bounds) -> bool {
+        let Some(outer) = self.outer_rad.filter(|outer| *outer < FRAC_PI_2) else { return true };
+        let way = bounds.center() - self.position;
+        let along = way.dot(self.direction.as_dvec3());
+        let beside = (way.length_squared() - along * along).max(0.0).sqrt();
+        let (sin, cos) = (outer + CONE_SLACK_RAD).sin_cos();
+        let is_outside = beside * cos - along * sin > bounds.half().length();
+        !is_outside
+    }
+
     /// Exact, because the shader's falloff is 0 from the range on.
-    fn reaches(&self, bounds: &Bounds) -> bool {
-        let Some(range) = self.range.filter(|_| !self.directional) else { return true };
+    pub(super) fn reaches(&self, bounds: &Bounds) -> bool {
+        let Some(reach) = self.bounded_reach() else { return true };
         // Written so that a box that is not finite is reached.
-        let reach = range * REACH_SLACK;
         let beyond = bounds.distance_squared(self.position) > reach * reach;
         !beyond
     }

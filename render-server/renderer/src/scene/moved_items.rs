@@ -15,6 +15,7 @@ use super::billboard::Billboard;
 use super::bvh::Bvh;
 use super::draw_item::{Bounds, DrawItem, PlacedMesh, Stance};
 use super::items_by_batch::ItemsByBatch;
+use super::lamp_grid::IN_CELLS;
 use super::layout::SceneLayout;
 use super::light::{LAMP_INDICES_MAX, MovedLights};
 use crate::cull::FrustumPlanes;
@@ -206,22 +207,23 @@ impl MovedItems {
         known: &mut HashMap<Vec<u32>, [u32; 2]>,
     ) -> Option<[u32; 2]> {
         let lights = &layout.lights;
-        let list = lights.lamps_reaching(bounds);
-        let [start, count] = item.lamps.map(|number| number as usize);
+        let (list, in_cells) = lights.lamps_reaching(bounds);
+        let [start, count] = [item.lamps[0], item.lamps[1] & !IN_CELLS];
+        let [start, count] = [start, count].map(|number| number as usize);
         if lights.indices.get(start..start + count) == Some(&list[..]) {
-            return Some(item.lamps);
+            return Some([item.lamps[0], list.len() as u32 | in_cells]);
         }
-        if let Some(&range) = known.get(&list) {
-            return Some(range);
+        if let Some(&[start, count]) = known.get(&list) {
+            return Some([start, count | in_cells]);
         }
         let start = lights.indices.len() + self.lamp_indices.len();
         if start + list.len() > LAMP_INDICES_MAX {
             return None;
         }
-        let range = [start as u32, list.len() as u32];
+        let [start, count] = [start as u32, list.len() as u32];
         self.lamp_indices.extend_from_slice(&list);
-        known.insert(list, range);
-        Some(range)
+        known.insert(list, [start, count]);
+        Some([start, count | in_cells])
     }
 
     /// Returns the place of an item among those that were moved, if it was.

@@ -168,7 +168,22 @@ fn uniforms_match_their_twins() {
         inverse_gamma,
         texel
     );
-    twin!("Frame", FrameUniform, clip_from_eye, sky, exposure, ground, fog_fall, eye, fog, suns);
+    twin!(
+        "Frame",
+        FrameUniform,
+        clip_from_eye,
+        sky,
+        exposure,
+        ground,
+        fog_fall,
+        eye,
+        fog,
+        lamp_origin,
+        cells_per_unit,
+        lamp_cells,
+        surroundings,
+        suns
+    );
     twin!("Sun", DirectionalLightRecord, toward, irradiance);
     twin!(
         "Lamp",
