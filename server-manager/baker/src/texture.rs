@@ -45,7 +45,7 @@ const FORMATS: [ImageFormat; 5] =
 const READ_BY_EXTENSION: [&str; 2] = ["EXT_texture_webp", "KHR_texture_basisu"];
 
 /// Formats that are read, for messages.
-const RIGHT: &str = "a PNG, JPEG, WebP or KTX2 of Basis Universal would be right";
+const RIGHT: &str = "a PNG, JPEG, WebP or KTX2 would be right";
 
 /// Everything of a texture but its sampler.
 #[derive(Clone, Copy)]

@@ -82,16 +82,110 @@ fn pictures_without_loss_are_those_of_the_png() {
     assert!(colors(&ktx2(), Some("KHR_texture_basisu")) == expected);
 }
 
+/// A KTX2 file of plain pixels: a format of Vulkan, and its one level as it is stored.
+fn plain_ktx2(format: u32, level: &[u8]) -> Vec<u8> {
+    let mut file = ktx2();
+    let data_at = 160;
+    file.resize(data_at, 0);
+    file[12..16].copy_from_slice(&format.to_le_bytes());
+    file[80..88].copy_from_slice(&(data_at as u64).to_le_bytes());
+    file[88..96].copy_from_slice(&(level.len() as u64).to_le_bytes());
+    file.extend(level);
+    file
+}
+
+fn with_scheme(mut file: Vec<u8>, scheme: u32) -> Vec<u8> {
+    file[44..48].copy_from_slice(&scheme.to_le_bytes());
+    file
+}
+
+/// A frame of Zstandard with one block that is stored (RFC 8878, 3.1.1).
+fn zstandard(bytes: &[u8]) -> Vec<u8> {
+    let mut frame = vec![0x28, 0xb5, 0x2f, 0xfd, 0x60];
+    frame.extend((bytes.len() as u16 - 256).to_le_bytes());
+    frame.extend(&(1 | (bytes.len() as u32) << 3).to_le_bytes()[..3]);
+    frame.extend(bytes);
+    frame
+}
+
+/// A stream of zlib with one block that is stored (RFC 1950, RFC 1951).
+fn zlib(bytes: &[u8]) -> Vec<u8> {
+    let length = bytes.len() as u16;
+    let mut stream = vec![0x78, 0x01, 0x01];
+    stream.extend(length.to_le_bytes());
+    stream.extend((!length).to_le_bytes());
+    stream.extend(bytes);
+    let sums = bytes.iter().fold([1_u32, 0], |[a, b], byte| {
+        let a = (a + u32::from(*byte)) % 65_521;
+        [a, (b + a) % 65_521]
+    });
+    stream.extend((sums[1] << 16 | sums[0]).to_be_bytes());
+    stream
+}
+
+#[test]
+fn ktx2_of_plain_bytes_is_the_picture_of_the_png() {
+    let rgba = picture().into_raw();
+    let rgb: Vec<u8> = rgba.chunks(4).flat_map(|of| [of[0], of[1], of[2]]).collect();
+    let bgra: Vec<u8> = rgba.chunks(4).flat_map(|of| [of[2], of[1], of[0], of[3]]).collect();
+    let compressed = |format, bytes: &[u8]| {
+        let [zstandard, zlib] = [zstandard(bytes), zlib(bytes)];
+        [
+            plain_ktx2(format, bytes),
+            with_scheme(plain_ktx2(format, &zstandard), 2),
+            with_scheme(plain_ktx2(format, &zlib), 3),
+        ]
+    };
+    for (format, bytes) in [(23, &rgb), (29, &rgb), (37, &rgba), (43, &rgba), (50, &bgra)] {
+        for file in compressed(format, bytes) {
+            assert!(colors(&file, Some("KHR_texture_basisu")) == rgba, "{format}");
+        }
+    }
+    let red: Vec<u8> = rgba.chunks(4).map(|of| of[0]).collect();
+    let expected: Vec<u8> = red.iter().flat_map(|&red| [red, 0, 0, 255]).collect();
+    assert!(colors(&plain_ktx2(9, &red), None) == expected);
+}
+
+/// A lamp of other programs, whose images are RGB with Zstandard.
+#[test]
+#[cfg_attr(not(has_shared_files), ignore = "no assets and walls in ../shared")]
+fn ktx2_of_a_real_lamp_has_no_placeholders() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/assets");
+    let folder = folder.join("AnisotropyBarnLamp");
+    for (name, side) in [("normalbump", 1024), ("anisotropy", 512)] {
+        let file = folder.join(format!("AnisotropyBarnLamp_{name}.ktx2"));
+        let pixels = colors(&std::fs::read(file).expect("an asset"), None);
+        assert_eq!(pixels.len(), side * side * 4);
+        // A normal map is blue, and directions of fibres are of all kinds.
+        let mean = |channel: usize| -> f64 {
+            let of = pixels.iter().skip(channel).step_by(4);
+            of.map(|value| f64::from(*value)).sum::<f64>() / (side * side) as f64
+        };
+        println!("{name}: {:?}", [mean(0), mean(1), mean(2)]);
+        assert!(mean(2) > 100.0, "{name}");
+    }
+}
+
 #[test]
 fn ktx2_of_another_kind_is_a_placeholder_that_says_so() {
     let whole = ktx2();
-    let mut plain = whole.clone();
-    // R8G8B8A8, one byte each.
-    plain[12] = 37;
+    let mut blocks = whole.clone();
+    // BC7.
+    blocks[12] = 145;
+    let mut short = plain_ktx2(37, &picture().into_raw());
+    short.truncate(short.len() - 1);
+    let mut few = plain_ktx2(23, &[0; 12]);
+    few.extend([0; 400]);
+    let broken = |scheme| with_scheme(plain_ktx2(37, &[77; 384]), scheme);
     let mut huge = whole.clone();
     huge[20..24].copy_from_slice(&60_000_u32.to_le_bytes());
     for (encoded, part) in [
-        (&plain[..], "KTX2, but not Basis Universal"),
+        (&blocks[..], "KTX2 of Vulkan's format 145, which is not read"),
+        (&short[..], "KTX2 that is cut off"),
+        (&few[..], "KTX2 of 12 bytes where 12 × 8 pixels take 288"),
+        (&broken(1)[..], "of the supercompression 1, which is not read"),
+        (&broken(2)[..], "whose Zstandard is broken"),
+        (&broken(3)[..], "whose zlib is broken"),
         (&whole[..whole.len() - 20], "KTX2 that can't be decoded"),
         (&huge[..], "at most 16384 pixels a side"),
     ] {
