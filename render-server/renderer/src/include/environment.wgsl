@@ -21,11 +21,12 @@ fn environment_diffuse(n: vec3<f32>) -> vec3<f32> {
     sum += environment.diffuse[7].rgb * (n.x * n.z);
     sum += environment.diffuse[8].rgb * (n.x * n.x - n.y * n.y);
     // Behind a bright spot the second order falls below nothing.
-    return max(sum, vec3<f32>(0.0));
+    return max(sum, vec3<f32>(0.0)) * frame.surroundings;
 }
 
 // Radiance that a lobe of this perceptual roughness sees along a direction of any length.
 fn environment_reflected(along: vec3<f32>, roughness: f32) -> vec3<f32> {
     let level = roughness * environment.diffuse[0].w;
-    return textureSampleLevel(environment_map, environment_sampler, along, level).rgb;
+    let light = textureSampleLevel(environment_map, environment_sampler, along, level).rgb;
+    return light * frame.surroundings;
 }

@@ -157,6 +157,24 @@ fn tiles_show_the_surroundings_as_one_camera_does() {
 }
 
 #[test]
+fn surroundings_are_as_bright_beside_lights_in_real_units() {
+    let mut stage = balls(AlphaMode::Blend, Vec3::splat(0.3));
+    let dark = polyptych_scene::Light {
+        kind: polyptych_scene::LightKind::Directional,
+        color: Vec3::ONE,
+        intensity: 0.0,
+        range: None,
+    };
+    stage.light(dark, DAffine3::IDENTITY);
+    let [plain, lux] = [None, Some(1.0 / 512.0)].map(|exposure| {
+        stage.desc.exposure = exposure;
+        let view = ViewDesc { exposure: exposure.unwrap_or(1.0), ..view() };
+        draw(&surrounded(&stage.build(), &coloured()), SIZE, &view)
+    });
+    assert_eq!(differences(&plain, &lux), [0; 3]);
+}
+
+#[test]
 fn a_mirror_shows_what_is_behind_the_eye() {
     let mut stage = SceneFixture::new();
     let mirror = Material { roughness: 0.0, metallic: 1.0, ..matt(1.0, 1.0, 1.0) };
