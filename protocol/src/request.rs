@@ -488,7 +488,8 @@ pub struct SceneSummary {
     pub name: String,
     /// The revision that shows it.
     pub revision: Revision,
-    /// Around everything drawn; `None` for an empty scene.
+    /// The box that an overview shows: around everything drawn but backgrounds that are far larger
+    /// than all else; `None` for an empty scene.
     pub bounds: Option<Bounds>,
     /// Each instance counted.
     pub triangles: u64,

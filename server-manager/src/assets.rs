@@ -7,7 +7,7 @@ use glam::DAffine3;
 use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::transaction::{AssetSource, BakedAssets, NewAssets, Transaction};
 use polyptych_scene::limits::NODE_NAME_BYTES_MAX;
-use polyptych_scene::{EXPOSURE_NOTE, NewNode, Scene, provisional_asset};
+use polyptych_scene::{EXPOSURE_NOTE, NewNode, OVERVIEW_NOTE, Scene, provisional_asset};
 
 use crate::import::{self, Baker};
 
@@ -52,10 +52,15 @@ pub(crate) async fn bake(
         primitives: scene.meshes.iter().map(|mesh| mesh.primitives.len() as u32).collect(),
         materials: scene.materials.len() as u32,
         textures: scene.textures.len() as u32,
-        notes: scene.notes.into_iter().filter(|note| !note.starts_with(EXPOSURE_NOTE)).collect(),
+        notes: scene.notes.into_iter().filter(|note| concerns_assets(note)).collect(),
     });
     transaction.assets = Some(NewAssets { source, below: None });
     Ok((transaction, blobs))
+}
+
+/// Returns whether a note is of assets too, and not of light and camera of a scene alone.
+fn concerns_assets(note: &str) -> bool {
+    ![EXPOSURE_NOTE, OVERVIEW_NOTE].iter().any(|start| note.starts_with(start))
 }
 
 /// Bakes the bytes of a file from a folder of its own, so that it can name no other.

@@ -13,6 +13,7 @@ use polyptych_baker::map::{MapUse, bake_map};
 use polyptych_baker::{BakeCache, Baked, Progress, bake_scene};
 use polyptych_files::blob::StoreUrl;
 use polyptych_object_store::Uploaded;
+use polyptych_scene::OVERVIEW_NOTE;
 use polyptych_text::counted;
 use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 
@@ -123,9 +124,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let baked = bake_scene(&arguments.file, scene, &store, &mut progress, &cancel);
     bar.finish_and_clear();
     let baked = baked?;
-    if let Some(first) = baked.warnings.first().filter(|_| arguments.strict) {
+    let is_drawn_otherwise = |note: &&String| !note.starts_with(OVERVIEW_NOTE);
+    let of_picture = || baked.warnings.iter().filter(is_drawn_otherwise);
+    if let Some(first) = of_picture().next().filter(|_| arguments.strict) {
         say_notes(&baked.warnings)?;
-        let (file, notes) = (arguments.file.display(), counted(baked.warnings.len(), "note"));
+        let (file, notes) = (arguments.file.display(), counted(of_picture().count(), "note"));
         bail!("{file} would not be drawn as it is, which --strict asks for; {notes}: {first}");
     }
     let uploaded = match &url {

@@ -80,6 +80,10 @@ use polyptych_files::blob::BlobHash;
 /// into another scene.
 pub const EXPOSURE_NOTE: &str = "lit in real units";
 
+/// The beginning of the note that an overview does not show all of a scene. It concerns where the
+/// camera goes, not what is drawn.
+pub const OVERVIEW_NOTE: &str = "the overview leaves out";
+
 /// A whole scene: nodes, and the lists that they point into.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scene {
@@ -97,7 +101,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Linear RGB radiance behind everything.
     pub sky: Vec3,
-    /// The box around everything drawn, in world space; `None` where nothing is drawn.
+    /// The box that an overview shows, in world space: around everything drawn but what surrounds a
+    /// far smaller rest, such as a sky or a sea; `None` if nothing is drawn.
     pub bounds: Option<Bounds>,
     /// Parts of the source that are not drawn, or not as they are there: lines for people, without
     /// control characters. At most [`NOTES_MAX`] of at most [`NOTE_BYTES_MAX`] bytes each.

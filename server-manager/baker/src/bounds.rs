@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 
 use glam::{DAffine3, DMat3, DVec3};
-use polyptych_scene::{Bounds, Instance, Mesh, Node, Scene};
+use polyptych_scene::{Bounds, Instance, Mesh, Node, Primitive, Scene, Topology};
 
+use super::backgrounds::{BackgroundSearch, DrawnBox, Overview};
 use super::error::BakeError;
 
 /// Farthest that a scene reaches, in world units: lengths in it, which are roots of sums of
@@ -43,70 +44,86 @@ fn stretch(matrix: DMat3) -> f64 {
     row(gram.x_axis).max(row(gram.y_axis)).max(row(gram.z_axis)).sqrt() * largest
 }
 
-/// The box around everything drawn.
-pub(super) fn of_scene(scene: &Scene) -> Result<Option<Bounds>, BakeError> {
-    let mut sum = BoundsAccumulator { min: DVec3::MAX, max: DVec3::MIN };
-    let mesh_boxes: Vec<_> = scene.meshes.iter().map(whole).collect();
-    for (node, world) in scene.nodes.iter().zip(scene.world_from_nodes()) {
-        let mut drawn = BoundsAccumulator { min: DVec3::MAX, max: DVec3::MIN };
+/// What an overview of the scene shows: the box around everything drawn but its backgrounds.
+pub(super) fn overview(scene: &Scene) -> Result<Overview, BakeError> {
+    let mut search = BackgroundSearch::default();
+    let whole: Vec<_> = scene.meshes.iter().map(whole).collect();
+    for ((node, of), world) in (0..).zip(&scene.nodes).zip(scene.world_from_nodes()) {
         if !world.is_finite() {
-            let place = format!("nodes '{}'", node.name);
+            let place = format!("nodes '{}'", of.name);
             let right = "smaller numbers would be right";
             return Err(BakeError::at(place, "its world transform overflows", right));
         }
-        let Some(mesh) = node.mesh.map(|mesh| mesh as usize) else { continue };
-        if node.instances.is_empty() {
-            for primitive in scene.meshes.get(mesh).iter().flat_map(|mesh| &mesh.primitives) {
-                let (min, max) = (primitive.min.as_dvec3(), primitive.max.as_dvec3());
-                drawn.add(world, primitive.origin + min, primitive.origin + max);
+        let Some(mesh) = of.mesh.map(|mesh| mesh as usize) else { continue };
+        let mut add = |drawn: DrawnBox| {
+            let Bounds { min, max } = drawn.bounds;
+            if !min.cmple(max).all() {
+                return Ok(());
             }
-        } else if let Some(Some((min, max))) = mesh_boxes.get(mesh) {
-            for copy in &node.instances {
-                let local = DAffine3::from_scale_rotation_translation(
-                    copy.scale.as_dvec3(),
-                    copy.rotation.as_dquat().normalize(),
-                    copy.translation.as_dvec3(),
-                );
-                drawn.add(world * local, *min, *max);
-            }
-        }
-        if drawn.min.cmple(drawn.max).all() {
-            let farthest = drawn.min.abs().max(drawn.max.abs()).max_element();
+            let farthest = min.abs().max(max.abs()).max_element();
             if farthest > COORDINATE_MAX {
-                let place = format!("nodes '{}'", node.name);
+                let place = format!("nodes '{}'", of.name);
                 let what = format!("its mesh reaches as far as {farthest:.0e} units");
                 return Err(BakeError::at(place, what, "smaller numbers would be right"));
             }
-            (sum.min, sum.max) = (sum.min.min(drawn.min), sum.max.max(drawn.max));
+            search.add(drawn);
+            Ok(())
+        };
+        let Some(Some((corners_of_all, elements))) = whole.get(mesh) else { continue };
+        if of.instances.is_empty() {
+            // Tighter than the box around the box of all.
+            let parts = scene.meshes[mesh].primitives.iter().map(corners);
+            let boxes = parts.map(|(min, max)| around(world, min, max));
+            if let Some(bounds) = boxes.reduce(union) {
+                add(DrawnBox { bounds, elements: *elements, node })?;
+            }
+        }
+        for copy in &of.instances {
+            let local = DAffine3::from_scale_rotation_translation(
+                copy.scale.as_dvec3(),
+                copy.rotation.as_dquat().normalize(),
+                copy.translation.as_dvec3(),
+            );
+            let bounds = around(world * local, corners_of_all.0, corners_of_all.1);
+            add(DrawnBox { bounds, elements: *elements, node })?;
         }
     }
-    let is_drawn = sum.min.cmple(sum.max).all();
-    Ok(is_drawn.then_some(Bounds { min: sum.min, max: sum.max }))
+    Ok(search.overview())
 }
 
-/// The box around all parts of a mesh, in its own space.
-fn whole(mesh: &Mesh) -> Option<(DVec3, DVec3)> {
-    let boxes = mesh.primitives.iter();
-    let boxes = boxes.map(|p| (p.origin + p.min.as_dvec3(), p.origin + p.max.as_dvec3()));
-    boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+/// The box around all parts of a mesh, in its own space, and their elements.
+fn whole(mesh: &Mesh) -> Option<((DVec3, DVec3), u64)> {
+    let parts = mesh.primitives.iter().map(|of| (corners(of), elements(of)));
+    parts.reduce(|(a, some), (b, more)| ((a.0.min(b.0), a.1.max(b.1)), some.saturating_add(more)))
 }
 
-struct BoundsAccumulator {
-    min: DVec3,
-    max: DVec3,
+/// The least and the greatest corner of a primitive, in the space of its mesh.
+fn corners(primitive: &Primitive) -> (DVec3, DVec3) {
+    let (min, max) = (primitive.min.as_dvec3(), primitive.max.as_dvec3());
+    (primitive.origin + min, primitive.origin + max)
 }
 
-impl BoundsAccumulator {
-    /// Adds the box around a box that was transformed.
-    fn add(&mut self, world: DAffine3, min: DVec3, max: DVec3) {
-        let center = world.transform_point3(min + (max - min) * 0.5);
-        let half = (max - min) * 0.5;
-        let matrix = world.matrix3;
-        let reach = matrix.x_axis.abs() * half.x
-            + matrix.y_axis.abs() * half.y
-            + matrix.z_axis.abs() * half.z;
-        (self.min, self.max) = (self.min.min(center - reach), self.max.max(center + reach));
+/// Triangles of a primitive, or its indices if it has lines or points.
+fn elements(primitive: &Primitive) -> u64 {
+    match primitive.topology {
+        Topology::Triangles => primitive.triangles(),
+        Topology::Points | Topology::Lines => u64::from(primitive.index_count),
     }
+}
+
+/// The box around both.
+fn union(a: Bounds, b: Bounds) -> Bounds {
+    Bounds { min: a.min.min(b.min), max: a.max.max(b.max) }
+}
+
+/// The box around a box that was transformed.
+fn around(world: DAffine3, min: DVec3, max: DVec3) -> Bounds {
+    let center = world.transform_point3(min + (max - min) * 0.5);
+    let half = (max - min) * 0.5;
+    let matrix = world.matrix3;
+    let reach =
+        matrix.x_axis.abs() * half.x + matrix.y_axis.abs() * half.y + matrix.z_axis.abs() * half.z;
+    Bounds { min: center - reach, max: center + reach }
 }
 
 #[cfg(test)]

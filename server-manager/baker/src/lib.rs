@@ -17,6 +17,7 @@ mod animated_property;
 mod animation;
 mod animation_json;
 mod animation_pointer;
+mod backgrounds;
 mod bake_cache;
 mod bounds;
 mod camera;
@@ -85,7 +86,7 @@ use source::GltfSource;
 use variants::ReplacedMaterials;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 17;
+const BAKER_VERSION: u32 = 18;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.
@@ -357,7 +358,11 @@ impl BakeJob<'_> {
         scene.animations = animations;
         scene.deformations = meshes.deformations(&mesh_of, &animated, &scene.meshes);
 
-        scene.bounds = bounds::of_scene(&scene)?;
+        let overview = bounds::overview(&scene)?;
+        scene.bounds = overview.bounds;
+        if let Some(note) = overview.note(&scene.nodes) {
+            self.warn(&note);
+        }
         let textures = texture::write_all(self, &palette.textures)?;
         scene.textures = textures.list;
         scene.materials = palette.materials;

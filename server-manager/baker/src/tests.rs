@@ -97,6 +97,42 @@ fn far_nodes_keep_their_place() {
 }
 
 #[test]
+fn overviews_leave_out_a_ground_that_is_far_larger_than_all_else() {
+    let mut builder = Builder::triangle();
+    let ground = [-40.0, 0.0, -40.0, 0.0, 0.0, 40.0, 40.0, 0.0, -40.0];
+    let positions = builder.floats("VEC3", &ground);
+    builder.mesh(&json!({ "attributes": { "POSITION": positions } }));
+    builder.json["nodes"][1]["name"] = json!("ground");
+    let (_place, baked, scene) = bake_builder(&builder);
+    let bounds = scene.bounds.expect("bounds");
+    assert_eq!((bounds.min, bounds.max), (DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0)));
+    assert_eq!(baked.warnings, ["the overview leaves out 'ground': 80 times as long as all else"]);
+
+    // In pieces, as everything that is so large.
+    let mut positions: Vec<f32> = Vec::new();
+    for (row, column) in (0..9).flat_map(|row| (0..9).map(move |column| (row, column))) {
+        positions.extend([column as f32 * 1e3 - 4e3, 0.0, row as f32 * 1e3 - 4e3]);
+    }
+    let mut corners = Vec::new();
+    for (row, column) in (0..8).flat_map(|row| (0..8).map(move |column| (row, column))) {
+        let at = row * 9 + column;
+        corners.extend([at, at + 9, at + 1, at + 1, at + 9, at + 10]);
+    }
+    let mut sea = Builder::triangle();
+    let [positions, corners] = [sea.floats("VEC3", &positions), sea.indices(&corners)];
+    sea.mesh(&json!({ "attributes": { "POSITION": positions }, "indices": corners }));
+    let (_place, _, scene) = bake_builder(&sea);
+    assert!(scene.meshes.iter().any(|mesh| mesh.primitives.len() > 1));
+    assert_eq!(scene.bounds.map(|of| of.max), Some(DVec3::new(1.0, 1.0, 0.0)));
+
+    // Not far larger.
+    builder.json["nodes"][1]["scale"] = json!([0.1, 0.1, 0.1]);
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert_eq!(scene.bounds.map(|of| of.min), Some(DVec3::new(-4.0, 0.0, -4.0)));
+    assert!(baked.warnings.is_empty());
+}
+
+#[test]
 fn missing_normals_are_flat_and_shared_vertices_part() {
     let mut builder = Builder::empty();
     // Two triangles of a tent, over one ridge.
