@@ -156,34 +156,10 @@ fn uniforms_match_their_twins() {
     twin!("SourcePlane", PlaneRecord, across, down, depth, inner);
     twin!("Cell", CellRecord, position, across, down, depth);
     twin!("Eye", EyeRecord, position, clip_x, clip_y, upright_x, upright_y);
-    twin!(
-        "Correction",
-        CorrectionUniform,
-        eyes,
-        planes,
-        red,
-        green,
-        blue,
-        light_scale,
-        inverse_gamma,
-        texel
-    );
-    twin!(
-        "Frame",
-        FrameUniform,
-        clip_from_eye,
-        sky,
-        exposure,
-        ground,
-        fog_fall,
-        eye,
-        fog,
-        lamp_origin,
-        cells_per_unit,
-        lamp_cells,
-        surroundings,
-        suns
-    );
+    twin! { "Correction", CorrectionUniform, eyes, planes, red, green, blue, light_scale,
+    inverse_gamma, texel }
+    twin! { "Frame", FrameUniform, clip_from_eye, sky, exposure, ground, fog_fall, eye, fog,
+    lamp_origin, cells_per_unit, lamp_cells, surroundings, suns }
     twin!("Sun", DirectionalLightRecord, toward, irradiance);
     twin!(
         "Lamp",
