@@ -14,11 +14,11 @@ use serde::{Deserialize, Serialize};
 
 pub(super) use adjust::{AdjustSection, BendSection, EdgesSection, WarpObj, WarpZero};
 pub(super) use curved::{CylinderSection, ProjectorSection, SphereSection};
-pub use launch::LaunchOutput;
-pub(super) use launch::{LaunchSection, ServerSection};
 pub(super) use device::{
     DeviceKind, DeviceSection, FlySection, FormChoice, FrameSection, HeadSection,
 };
+pub use launch::LaunchOutput;
+pub(super) use launch::{LaunchSection, ServerSection};
 pub(super) use lists::{Pair, Rotation, Row, ScalarOrRgb};
 use lists::{exact, some_exact};
 

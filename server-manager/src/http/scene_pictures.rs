@@ -93,6 +93,7 @@ mod tests {
             resolution_scale: 1.0,
             environment: None,
             rest: RestStatus::default(),
+            devices: Vec::new(),
         }
     }
 

@@ -42,7 +42,11 @@ const LAYERS: &[Layer] = &[
         ours: &["codec", "protocol", "scene", "text", "tls", "wall", "wall-file"],
         refused: &["bincode", "gltf", "image", "wgpu"],
     },
-    Layer { folder: "devices", ours: &["protocol", "wall"], refused: &["tokio", "toml", "wgpu"] },
+    Layer {
+        folder: "client-api/devices",
+        ours: &["protocol", "wall"],
+        refused: &["tokio", "toml", "wgpu"],
+    },
     Layer {
         folder: "server-manager/core",
         ours: &["codec", "files", "protocol", "scene", "text", "wall"],
