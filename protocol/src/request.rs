@@ -35,6 +35,7 @@ use crate::saved_scene::SavedScene;
 use crate::saved_session::{OpenedSession, SavedSession};
 use crate::scene_file_list::SceneFileList;
 use crate::screen_rest::RestRules;
+pub use crate::stopped_servers::StoppedServers;
 use crate::stored_view::StoredView;
 use crate::tour_status::TourStatus;
 use crate::transaction::Transaction;
@@ -448,20 +449,6 @@ impl Response {
             | Self::ServersStopped(_) => true,
         }
     }
-}
-
-/// The outcome for a wall's servers that were told to end, by name.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct StoppedServers {
-    /// Servers that said goodbye.
-    #[serde(deserialize_with = "text_of_peer")]
-    pub ended: Vec<String>,
-    /// Servers that were told to end and did not say goodbye, with what they did instead.
-    #[serde(deserialize_with = "text_of_peer")]
-    pub silent: Vec<(String, String)>,
-    /// Servers of the wall file that were not connected, so they could not be told.
-    #[serde(deserialize_with = "text_of_peer")]
-    pub absent: Vec<String>,
 }
 
 /// The reason why a request was not done; the wall is as it was before.

@@ -134,19 +134,17 @@ fn expected() -> &'static RgbaImage {
     })
 }
 
-/// A place whose manager has baked the town, and a store with all of its blobs.
+/// A place and a store with all blobs of the town, a copy of one that is filled once.
 fn stored_town() -> (TestDir, S3Server) {
-    static BAKED: OnceLock<TestDir> = OnceLock::new();
-    let baked = BAKED.get_or_init(|| {
+    static FILLED: OnceLock<TestDir> = OnceLock::new();
+    let filled = FILLED.get_or_init(|| {
         let place = TestDir::unbaked();
         let store = S3Server::start(&place.path("s3"));
         bake(&place, &store, STORE).succeeded();
         place
     });
     let place = TestDir::unbaked();
-    for folder in ["s3", "cache"] {
-        copy_folder(&baked.path(folder), &place.path(folder));
-    }
+    copy_folder(&filled.path("s3"), &place.path("s3"));
     let store = S3Server::start(&place.path("s3"));
     (place, store)
 }

@@ -64,8 +64,8 @@ fn check_tiles(name: &str, client: &Client, camera: Camera, expected: &RgbaImage
 }
 
 /// Each tile with its own culling and matrix, but rasterised on the whole canvas: what is left of
-/// a seam then is a mistake of ours, not of the hardware's arithmetic. Every tile is a pass over the
-/// whole canvas, so half of its pixels along each side and half of the poses have to do.
+/// a seam then is a mistake of ours, not of the hardware's arithmetic. Every tile is a pass over
+/// the whole canvas, so half of its pixels along each side and half of the poses have to do.
 fn check_oracle(path: &Path) {
     let single = halved(of_repository("single.toml"));
     let canvas = single.screens[0].canvas;

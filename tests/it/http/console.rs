@@ -249,16 +249,16 @@ fn check_kept(page: &Page, browser: &mut Browser) {
     click(browser, "remove-session");
     browser.await_true("document.getElementById('sessions').value === ''");
     assert_eq!(client.sessions().expect("a list"), []);
-    // The wall has shown it while this page was open.
+    fill(browser, "files", "town.glb");
+    click(browser, "open-file");
+    browser.await_true("document.getElementById('scene-name').textContent === 'town'");
+    // It has a picture once the wall has shown it while a page was open.
     browser.await_true(
         "fetch('/api/v1/scene/previews').then((of) => of.json()).then((of) => \
                         of.includes('town'))",
     );
-    fill(browser, "files", "town.glb");
     click(browser, "refresh-files");
     browser.await_true("document.getElementById('files-preview').naturalWidth === 240");
-    click(browser, "open-file");
-    browser.await_true("document.getElementById('scene-name').textContent === 'town'");
 }
 
 /// Rules by which displays go dark are set and taken away.
