@@ -267,6 +267,11 @@ mod tests {
         bytes[50] ^= 1;
         fs::write(&path, &bytes).expect("written");
         assert_eq!((load(&path), check_writable(&path)), (None, Ok(())));
+    }
+
+    #[test]
+    fn what_is_no_state_file_is_not_written_over() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
         let foreign = folder.path().join("wall.toml");
         fs::write(&foreign, "[wall]").expect("written");
         let pipe = folder.path().join("pipe");

@@ -309,10 +309,6 @@ fn calls() -> Vec<RequestMessage> {
         Request::ListClips,
         Request::ListVariants,
         Request::RemoveSavedScene { name: "evening".into() },
-        Request::SaveSession { name: "evening".into() },
-        Request::OpenSession { name: "evening".into() },
-        Request::ListSessions,
-        Request::RemoveSession { name: "evening".into() },
         Request::MarkPoint(Some(marker())),
         Request::ListSceneFiles,
         Request::SetRest(rest().rules),
@@ -321,8 +317,18 @@ fn calls() -> Vec<RequestMessage> {
         Request::ExportScene { saved: Some("evening".into()) },
     ];
     let found = regions().map(Request::FindInRegion);
-    let requests = requests.into_iter().chain(found).chain(lights());
+    let requests = requests.into_iter().chain(found).chain(lights()).chain(sessions());
     requests.zip(1..).map(|(request, id)| RequestMessage::new(RequestId(id), request)).collect()
+}
+
+fn sessions() -> [Request; 4] {
+    let name = || "evening".to_owned();
+    [
+        Request::SaveSession { name: name() },
+        Request::OpenSession { name: name() },
+        Request::ListSessions,
+        Request::RemoveSession { name: name() },
+    ]
 }
 
 fn feedback() -> FrameFeedback {
