@@ -1,4 +1,4 @@
-//! What a recording holds, as lanes over time in one SVG: the manager, each channel, each client.
+//! A recording as lanes over time in one SVG: the manager, each channel, each client.
 
 use polyptych_client::ChannelState;
 use polyptych_manager::replay::lanes::{Intervals, Lane, Lanes, Mark};

@@ -18,13 +18,13 @@ pub struct CaptureInfo {
     pub missing: Vec<(String, String)>,
 }
 
-/// What a picture shows.
+/// The subject and the size of a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ImageInfo {
-    /// Of the screen or channel.
+    /// The name of the screen or channel.
     #[serde(deserialize_with = "text_of_peer")]
     pub name: String,
-    /// Whether it is a whole screen, stitched.
+    /// `true` for a whole screen, stitched.
     pub is_screen: bool,
     /// Pixels across.
     pub width: u32,

@@ -20,7 +20,7 @@ pub struct SavedSession {
     pub views: u64,
     /// Places of the camera that were stored.
     pub stored_views: u64,
-    /// When it was saved, in seconds since 1970, UTC.
+    /// The time at which it was saved, in seconds since 1970, UTC.
     pub saved_at_s: u64,
 }
 

@@ -23,6 +23,6 @@ pub struct SceneFileInfo {
     pub path: String,
     /// The size of the file itself, in bytes.
     pub bytes: u64,
-    /// When it was changed last, in seconds since 1970, UTC; 0 if the system does not tell.
+    /// The time of its last change, in seconds since 1970, UTC; 0 if the system does not tell.
     pub changed_at_s: u64,
 }

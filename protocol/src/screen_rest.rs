@@ -1,4 +1,4 @@
-//! When displays go dark by themselves: outside hours, or because the wall is not used.
+//! The rules by which displays go dark by themselves: outside hours, or if nobody uses the wall.
 
 use serde::{Deserialize, Serialize};
 

@@ -76,9 +76,9 @@ fn picture(
     })
 }
 
-/// The same as the channel's display gets it: its light shared and coloured, unless that is what
-/// it shows; over it the point that is marked, if one is; then mirrored, for both eyes and turned
-/// as it hangs.
+/// Returns that picture as the channel's display gets it: its light shared and coloured, unless
+/// that is what it shows; over it the point that is marked, if one is; then mirrored, for both eyes
+/// and turned as it hangs.
 ///
 /// # Errors
 /// Those of [`picture`].

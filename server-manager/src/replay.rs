@@ -101,7 +101,7 @@ pub fn replay(reader: &RingReader) -> Result<ReplayReport, RingError> {
 /// where there is no such part.
 ///
 /// # Errors
-/// As [`replay`].
+/// Has the errors of [`replay`].
 pub fn replay_lanes(
     reader: &RingReader,
     range: &TimeRange,
@@ -125,7 +125,7 @@ fn run(mut all: Replay, reader: &RingReader) -> Result<Replay, RingError> {
 struct Replay {
     replayed: ReplayReport,
     player: Option<Replayer>,
-    /// Of what lanes are wanted, if any.
+    /// The part of the recording whose lanes are wanted, if any.
     range: Option<TimeRange>,
     lanes: Option<Lanes>,
 }

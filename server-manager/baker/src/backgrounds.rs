@@ -37,7 +37,7 @@ pub(super) struct DrawnBox {
     pub node: u32,
 }
 
-/// What an overview of a scene shows.
+/// The extent of a scene that an overview shows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Overview {
     /// The box around all parts that are no backgrounds; `None` if nothing is drawn.

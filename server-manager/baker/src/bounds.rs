@@ -44,7 +44,7 @@ fn stretch(matrix: DMat3) -> f64 {
     row(gram.x_axis).max(row(gram.y_axis)).max(row(gram.z_axis)).sqrt() * largest
 }
 
-/// What an overview of the scene shows: the box around everything drawn but its backgrounds.
+/// Returns the box that an overview shows: around everything drawn but the backgrounds.
 pub(super) fn overview(scene: &Scene) -> Result<Overview, BakeError> {
     let mut search = BackgroundSearch::default();
     let whole: Vec<_> = scene.meshes.iter().map(whole).collect();

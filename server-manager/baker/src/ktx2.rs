@@ -17,7 +17,7 @@ const SUPERCOMPRESSION_AT: usize = 44;
 /// The place of the offset and the length of the largest picture, of 64 bits each.
 const LEVEL_AT: usize = 80;
 
-/// What would be right instead.
+/// The remedy that notes name: a format that is read.
 const RIGHT: &str = "KTX2 of Basis Universal or of 8 bits a channel, a PNG or JPEG would be right";
 
 /// Returns whether these are the first bytes of a KTX2 file.

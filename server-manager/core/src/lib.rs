@@ -127,7 +127,7 @@ pub enum Effect {
     OpenSession {
         /// The request that asks for it; names the import.
         job: ClientRequest,
-        /// As the client gave it, looked at.
+        /// The name that the client gave, checked.
         name: String,
     },
     /// Collect the pictures of a frame from these channels, stitch them and answer the client.

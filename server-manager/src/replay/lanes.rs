@@ -1,4 +1,4 @@
-//! What happened when, for each channel and client of a recording: lanes of a drawing.
+//! Events and intervals of each channel and client of a recording: lanes of a drawing.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -39,16 +39,16 @@ pub struct Intervals {
 pub struct Mark {
     /// Manager time in seconds.
     pub at_s: f64,
-    /// Whether it is what somebody would look for: a failure, a loss.
+    /// `true` for what a reader looks for: a failure or a loss.
     pub is_trouble: bool,
     /// In words.
     pub text: String,
 }
 
-/// What happened on one channel, or was asked by one client.
+/// The events of one channel, or the requests of one client.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Lane {
-    /// Of the channel or the client.
+    /// The name of the channel or the client.
     pub name: String,
     /// The server that drives the channel, if one did.
     pub server: Option<String>,
@@ -66,7 +66,7 @@ pub struct Lane {
     pub marks_more: u64,
 }
 
-/// What happened in a part of a recording.
+/// The lanes of a part of a recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Lanes {
     /// The part, from 1.

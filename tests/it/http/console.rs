@@ -105,8 +105,8 @@ fn every_control_of_the_page_does_what_it_says() {
     assert_eq!(browser.complaints, [""; 0], "errors of the page");
 }
 
-/// What tools for accessibility call serious: controls without a name, text that is hard to read,
-/// a focus that cannot be seen, a page without landmarks.
+/// Checks what tools for accessibility call serious: controls without a name, text that is hard to
+/// read, a focus that cannot be seen, a page without landmarks.
 fn check_accessibility(browser: &mut Browser) {
     let unnamed = browser.value(
         "[...document.querySelectorAll('button, input, select, progress')].filter((of) => \

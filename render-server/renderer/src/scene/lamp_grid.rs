@@ -1,5 +1,5 @@
-//! Which lamps reach which cells of a grid in the world: a pixel of a large surface pays for those
-//! that are near it, not for all that reach some of the surface.
+//! A grid in the world whose cells list the lamps near them: a pixel of a large surface pays for
+//! those that are near it, not for all that reach some of the surface.
 //!
 //! The grid is a function of the lights of the file, never of a viewer, so all channels and both
 //! eyes have the same one. Lists are in rising order, and what they leave out has no light in the
