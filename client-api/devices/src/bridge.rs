@@ -188,6 +188,8 @@ impl Bridge {
             reader.advance(now);
             let events = reader.take_events();
             self.is_news |= !events.is_empty();
+            // An ease may begin and end between two heads; where it led must be sent all the same.
+            self.is_settling |= !events.is_empty();
             self.events.extend(events);
         }
     }
