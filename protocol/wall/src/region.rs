@@ -1,9 +1,9 @@
 //! Regions of the world, and which triangles lie in them: f64.
 //!
 //! Borders belong to a region. Points that are computed on the way, such as where an edge meets a
-//! plane, count as in it if they lie beyond its border by no more than [`ROUNDING`] of their
-//! coordinates, so that what touches a border is found. Corners of triangles are compared with
-//! boxes and with the height of prisms as they are.
+//! plane, count as in it if they lie beyond its border by no more than [`ROUNDING`] of the
+//! coordinates that they were computed from, so that what touches a border is found. Corners of
+//! triangles are compared with boxes and with the height of prisms as they are.
 
 mod convex;
 mod prism;
@@ -16,8 +16,9 @@ use self::prism::Prism;
 use crate::limits::{REGION_CORNERS_MAX, REGION_PLANES_MAX, REGION_REACH_MAX};
 use crate::triangle_distance::nearest_on_triangle;
 
-/// Distance beyond a border within which a computed point counts as on it, as a share of its
-/// coordinates: 16 roundings of f64, which is more than the few operations make that lead to it.
+/// Distance beyond a border within which a computed point counts as on it, as a share of the
+/// coordinates that it was computed from: 16 roundings of f64, which is more than the few
+/// operations make that lead to it.
 pub const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// A part of the world, in world units; its border belongs to it.

@@ -5,14 +5,16 @@ use glam::DVec3;
 use super::{BoxPlace, HalfSpace, ROUNDING, RegionError, check_all};
 use crate::limits::REGION_PLANES_MAX;
 
-/// Three planes meet in one point if the volume that their unit normals span is more than this.
+/// Three planes meet in one point if the volume that their normals span is more than this.
 const VOLUME_MIN: f64 = 1e-12;
 
-/// Distance beyond the other planes that a corner of three may have, as a share of its coordinates:
-/// it is farther off the flatter the planes meet.
-const CORNER_SHARE: f64 = 1e-9;
+/// Distance from a border within which a point that was computed in several steps is in doubt, as a
+/// share of the coordinates that it was computed from: it is farther off the flatter the planes
+/// meet.
+const DOUBT_SHARE: f64 = 1e-9;
 
-/// Half spaces with normals of length 1.
+/// Half spaces with normals whose largest coordinate is 1 to 2: scaled by powers of two, and so as
+/// exact as they were given.
 #[derive(Clone, Debug)]
 pub(super) struct Convex(Vec<HalfSpace>);
 
@@ -22,18 +24,18 @@ impl Convex {
         if !(3..=REGION_PLANES_MAX).contains(&planes.len()) {
             return Err(RegionError::Planes(planes.len()));
         }
-        let unit = |(index, plane): (usize, &HalfSpace)| {
+        let scaled = |(index, plane): (usize, &HalfSpace)| {
             check_all("the normal of a plane", &plane.normal.to_array())?;
-            let length = plane.normal.length();
-            let normal = plane.normal / length;
-            if !normal.is_normalized() {
+            let size = plane.normal.abs().max_element();
+            if !size.is_normal() {
                 return Err(RegionError::Normal(index));
             }
-            let offset = plane.offset / length;
+            let scale = (-size.log2().floor()).exp2();
+            let offset = plane.offset * scale;
             check_all("the distance of a plane", &[offset])?;
-            Ok(HalfSpace { normal, offset })
+            Ok(HalfSpace { normal: plane.normal * scale, offset })
         };
-        let planes = planes.iter().enumerate().map(unit);
+        let planes = planes.iter().enumerate().map(scaled);
         let convex = Self(planes.collect::<Result<_, _>>()?);
         let corners = convex.corners();
         let (Some(low), Some(high)) = (
@@ -60,7 +62,7 @@ impl Convex {
                     let (bc, ca) = (b.normal.cross(c.normal), c.normal.cross(a.normal));
                     let at = (a.offset * bc + b.offset * ca + c.offset * ab) / volume;
                     let is_in =
-                        |plane: &HalfSpace| plane.height(at) <= plane.slack(at, CORNER_SHARE);
+                        |plane: &HalfSpace| plane.height(at) <= plane.slack(at, DOUBT_SHARE);
                     if self.0.iter().all(is_in) {
                         found.push(at);
                     }
@@ -102,20 +104,29 @@ impl Convex {
         if is_inside { BoxPlace::Inside } else { BoxPlace::Across }
     }
 
-    /// Clips a triangle by each plane in turn: I. Sutherland, G. Hodgman, *Reentrant polygon
-    /// clipping*, 1974.
     pub fn touches(&self, corners: &[DVec3; 3]) -> bool {
+        let reach = corners.iter().map(|at| at.abs().element_sum()).fold(0.0, f64::max);
+        // Clipping is fast and decides all triangles but those that end at a border.
+        self.clips(corners, reach, -DOUBT_SHARE)
+            || (self.clips(corners, reach, DOUBT_SHARE) && self.is_met_in_shares(corners, reach))
+    }
+
+    /// Returns whether anything is left of a triangle that is clipped by each plane in turn, all
+    /// moved outward by a share of the coordinates: I. Sutherland, G. Hodgman, *Reentrant polygon
+    /// clipping*, 1974.
+    fn clips(&self, corners: &[DVec3; 3], reach: f64, share: f64) -> bool {
         let mut polygon = corners.to_vec();
         let mut left = Vec::new();
         for plane in &self.0 {
             left.clear();
+            let moved = share * (reach + plane.offset.abs());
             let mut before = polygon[polygon.len() - 1];
             for &at in &polygon {
-                let (from, to) = (plane.height(before), plane.height(at));
+                let (from, to) = (plane.height(before) - moved, plane.height(at) - moved);
                 if from.min(to) < 0.0 && from.max(to) > 0.0 {
                     left.push(before.lerp(at, from / (from - to)));
                 }
-                if plane.has(at) {
+                if to <= 0.0 {
                     left.push(at);
                 }
                 before = at;
@@ -127,10 +138,34 @@ impl Convex {
         }
         true
     }
+
+    /// Returns whether a triangle with corners a, b, c has a point of all half spaces. In shares
+    /// u, v of its edges b − a, c − a each is an inequality, as are the triangle's own edges; if
+    /// all can be met, they are where two of them are equations. No step divides, so that the
+    /// error of a result stays a few roundings of the numbers that it comes from.
+    fn is_met_in_shares(&self, &[a, b, c]: &[DVec3; 3], reach: f64) -> bool {
+        // Shares of u and v, the most that they may sum up to, and the size of what this was
+        // computed from.
+        let mut rows = vec![[-1.0, 0.0, 0.0, 1.0], [0.0, -1.0, 0.0, 1.0], [1.0, 1.0, 1.0, 1.0]];
+        rows.extend(self.0.iter().map(|plane| {
+            let along = |to: DVec3| plane.normal.dot(to) - plane.normal.dot(a);
+            [along(b), along(c), -plane.height(a), 2.0 * (reach + plane.offset.abs())]
+        }));
+        let is_met = |one: &[f64; 4], two: &[f64; 4]| {
+            let (volume, size) = (one[0] * two[1] - two[0] * one[1], one[3] * two[3]);
+            let (u, v) = (one[2] * two[1] - two[2] * one[1], one[0] * two[2] - two[0] * one[2]);
+            let is_under = |row: &[f64; 4]| {
+                let over = (row[0] * u + row[1] * v) * volume.signum() - row[2] * volume.abs();
+                over <= ROUNDING * size * row[3]
+            };
+            volume.abs() > ROUNDING * size && rows.iter().all(is_under)
+        };
+        rows.iter().enumerate().any(|(i, one)| rows[i + 1..].iter().any(|two| is_met(one, two)))
+    }
 }
 
 impl HalfSpace {
-    /// Returns the distance of a point outside, in lengths of the normal; negative inside.
+    /// Returns the distance of a point outside in lengths of the normal; negative inside.
     fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point) - self.offset
     }

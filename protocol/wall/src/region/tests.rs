@@ -224,6 +224,19 @@ proptest! {
     }
 }
 
+/// In the origin an edge of the triangle meets two borders: what is computed there has no size of
+/// its own that its rounding could be measured by.
+#[test]
+fn a_triangle_is_met_where_it_has_one_point_of_the_region_at_zero() {
+    let halves = [[-1.0, 0.0, 0.0, 1.0], [1.0, 1.0, 0.0, 0.0], [0.0, -1.0, -1.0, 0.0]];
+    let half = |[x, y, z, offset]: [f64; 4]| HalfSpace { normal: DVec3::new(x, y, z), offset };
+    let region = RegionTest::new(&Region::Convex(halves.map(half).to_vec())).expect("a region");
+    let corners = [[0.0, 0.0, -1.0], [-6.0, -3.0, 0.0], [6.0, 3.0, 0.0]].map(DVec3::from);
+    assert!(region.touches(&corners));
+    let below = DVec3::new(0.0, 0.0, -1e-12);
+    assert!(!region.touches(&corners.map(|corner| corner + below)), "now it ends before");
+}
+
 #[test]
 fn regions_that_are_none_are_refused() {
     let square = |corners: &[[f64; 2]]| Region::Prism {
