@@ -35,5 +35,6 @@ mod window_output;
 pub use monitor::Monitor;
 pub use polyptych_renderer::rasterize;
 pub use run::{
-    OutputKind, PRESENT_DELAY_MAX, ServerError, ServerOptions, Shutdown, TokenSource, monitors, run,
+    OutputKind, PRESENT_DELAY_MAX, ServerError, ServerOptions, Shutdown, TokenSource, gpus,
+    monitors, run,
 };

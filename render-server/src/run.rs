@@ -67,6 +67,8 @@ pub struct ServerOptions {
     pub cache: PathBuf,
     /// The destination of the pictures.
     pub output: OutputKind,
+    /// A part of the name of the GPU to draw with, or its PCI address; `None` for the best one.
+    pub gpu: Option<String>,
     /// The monitors that channels fill in full screen, by channel; before those of the wall file.
     pub monitors: BTreeMap<String, String>,
     /// Ends with the reason instead of trying again.
@@ -154,7 +156,7 @@ pub fn run(options: ServerOptions, shutdown: Shutdown) -> Result<(), ServerError
     let _server = tracing::error_span!("server", server = options.name, channel).entered();
     match options.output {
         OutputKind::Headless => {
-            let gpu = Gpu::headless()?;
+            let gpu = Gpu::open(Gpu::headless_instance(), None, options.gpu.as_deref())?;
             let output = |name: &String| ChannelOutput::new(name.clone(), None, None);
             let outputs = options.channels.iter().map(output).collect();
             let own = OwnThread { on_end: Arc::new(|| {}), monitor_names: None };
@@ -171,6 +173,18 @@ pub fn run(options: ServerOptions, shutdown: Shutdown) -> Result<(), ServerError
 /// [`ServerError::Window`]: there is no X display, or it lists no monitors.
 pub fn monitors() -> Result<Vec<Monitor>, ServerError> {
     desktop::monitors().map_err(|error| ServerError::Window(error.to_string()))
+}
+
+/// Returns a line for each GPU of this machine: name, driver and PCI address.
+///
+/// # Errors
+/// [`ServerError::Gpu`]: there is no driver.
+pub fn gpus() -> Result<Vec<String>, ServerError> {
+    let found = Gpu::list();
+    if found.is_empty() {
+        return Err(GpuError::NoAdapter.into());
+    }
+    Ok(found.iter().map(ToString::to_string).collect())
 }
 
 fn run_windows(mut options: ServerOptions, shutdown: Shutdown) -> Result<(), ServerError> {
@@ -196,7 +210,8 @@ fn run_windows(mut options: ServerOptions, shutdown: Shutdown) -> Result<(), Ser
     let start = move |windows: Windows| {
         let Windows { instance, displays } = windows;
         let surface = displays.first().map(|(_, display, _)| display.surface());
-        let gpu = Gpu::open(instance, surface).map_err(|error| error.to_string())?;
+        let gpu = Gpu::open(instance, surface, options.gpu.as_deref())
+            .map_err(|error| error.to_string())?;
         let output =
             |(name, display, assignment)| ChannelOutput::new(name, Some(display), assignment);
         let outputs = displays.into_iter().map(output).collect();

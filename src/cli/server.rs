@@ -9,11 +9,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{anyhow, bail};
+use clap::builder::NonEmptyStringValueParser;
 use polyptych_protocol::service_notifier::ServiceNotifier;
 use polyptych_protocol::stream::check_addresses;
 use polyptych_protocol::token;
 use polyptych_render::{
-    OutputKind, PRESENT_DELAY_MAX, ServerError, ServerOptions, TokenSource, monitors,
+    OutputKind, PRESENT_DELAY_MAX, ServerError, ServerOptions, TokenSource, gpus, monitors,
     run as run_server,
 };
 use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
@@ -27,10 +28,11 @@ use crate::simulator::local_wall::WINDOW_CLOSED;
 pub(super) struct Arguments {
     /// The manager's address, HOST:PORT
     #[arg(long, value_name = "ADDR", env = MANAGER_VARIABLE, value_parser = address)]
-    #[arg(required_unless_present = "list_monitors")]
+    #[arg(required_unless_present_any = ["list_monitors", "list_gpus"])]
     manager: Option<String>,
     /// The channel to draw; may be given again: one server can draw several
-    #[arg(long, value_name = "NAME", required_unless_present = "list_monitors")]
+    #[arg(long, value_name = "NAME")]
+    #[arg(required_unless_present_any = ["list_monitors", "list_gpus"])]
     channel: Vec<String>,
     /// Draw into a window for each channel. The mouse over it moves the camera where the manager
     /// lets it (manager --navigate)
@@ -46,6 +48,13 @@ pub(super) struct Arguments {
     /// Print this machine's monitors, their sizes and places in pixels, and end
     #[arg(long)]
     list_monitors: bool,
+    /// The GPU to draw with: a part of its name, or its PCI address [default: the best one]
+    #[arg(long, value_name = "NAME", env = GPU_VARIABLE)]
+    #[arg(value_parser = NonEmptyStringValueParser::new())]
+    gpu: Option<String>,
+    /// Print this machine's GPUs, their drivers and PCI addresses, and end
+    #[arg(long)]
+    list_gpus: bool,
     /// Draw without a display [default where there is none]
     #[arg(long)]
     headless: bool,
@@ -91,6 +100,9 @@ pub(super) struct Arguments {
     tell_closed: bool,
 }
 
+/// The variable with the GPU to draw with, for machines of several users and for containers.
+const GPU_VARIABLE: &str = "POLYPTYCH_GPU";
+
 /// The folder of a user's sockets, which graphics drivers and their libraries look for.
 const RUNTIME_FOLDER_VARIABLE: &str = "XDG_RUNTIME_DIR";
 
@@ -99,6 +111,9 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         return list_monitors();
     }
     provide_runtime_folder();
+    if arguments.list_gpus {
+        return gpus()?.iter().try_for_each(|gpu| say(format_args!("{gpu}")));
+    }
     // The command line is refused without it.
     let manager = arguments.manager.clone().ok_or_else(|| anyhow!("give --manager ADDR"))?;
     let name = name(&arguments, &manager)?;
@@ -127,6 +142,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         token: TokenSource::File(token_file),
         cache,
         output,
+        gpu: arguments.gpu,
         monitors,
         once: arguments.once,
         present_delay: arguments.present_delay.unwrap_or_default(),

@@ -117,6 +117,10 @@ impl LaunchPlan {
             LaunchOutput::Headless => "--headless",
         };
         words.push(output.to_owned());
+        if let Some(gpu) = &server.gpu {
+            // In one word, since a name may begin with a dash.
+            words.push(format!("--gpu={gpu}"));
+        }
         put_trust(&mut words, place.keys, place.is_insecure);
         words.extend(server.arguments.iter().cloned());
         words

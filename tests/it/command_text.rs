@@ -26,6 +26,21 @@ fn the_schema_is_printed_as_it_stands_in_the_repository() {
 }
 
 #[test]
+fn gpus_are_listed_and_one_that_is_not_there_is_refused_with_them() {
+    let place = TestDir::new();
+    let listed = place.run(["server", "--list-gpus"]).succeeded();
+    let first = listed.lines().next().expect("a GPU").to_owned();
+    assert!(first.contains("(vulkan") || first.contains("(gl"), "{first}");
+    let server = ["server", "--manager", "127.0.0.1:9", "--channel", "a", "--headless", "--once"];
+    let asked = |gpu: &str| place.run(server.iter().copied().chain(["--gpu", gpu]));
+    asked("GTX 9999").failed(&["no GPU here is \"GTX 9999\"", &first]);
+    assert!(asked("").output.contains("--gpu"));
+    // By a part of its name in the other case it is found, and the server goes on to its manager.
+    let name = first.split(" (").next().expect("a name").to_uppercase();
+    asked(&name).failed(&["127.0.0.1:9"]);
+}
+
+#[test]
 fn a_value_in_the_place_of_a_word_lists_the_words_in_every_command() {
     let place = TestDir::new();
     let wall = fs::read_to_string(repository().join("configs/single.toml")).expect("a file");

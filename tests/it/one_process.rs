@@ -70,6 +70,7 @@ pub(super) fn start_server(
         insecure: false,
         cache: place.path("blobs"),
         output: OutputKind::Headless,
+        gpu: None,
         monitors: BTreeMap::new(),
         once: false,
         present_delay: std::time::Duration::ZERO,

@@ -53,6 +53,8 @@ pub struct ServerLaunch {
     pub channels: Vec<String>,
     /// The kind of its output; `None` if neither the file nor `DISPLAY` in it says so.
     pub output: Option<LaunchOutput>,
+    /// A part of the name or the PCI address of its GPU; `None` for the best one.
+    pub gpu: Option<String>,
     /// More arguments.
     pub arguments: Vec<String>,
     /// Variables.
@@ -90,6 +92,7 @@ pub(super) fn check(
         let shown = has_display.then_some(LaunchOutput::Fullscreen);
         server.output = own.output.or(section.output).or(shown);
         server.host = own.host;
+        server.gpu = own.gpu;
         server.arguments.clone_from(&section.server_arguments);
         server.arguments.extend(own.arguments);
         server.gpus = own.gpus;
@@ -153,6 +156,9 @@ fn check_server(
     let key = |of: &str| format!("server.{}.{of}", key_step(name));
     if let Some(host) = &server.host {
         check_host(source, &key("host"), host)?;
+    }
+    if let Some(gpu) = &server.gpu {
+        check_word(source, &key("gpu"), gpu)?;
     }
     check_words(source, &key("arguments"), &server.arguments)?;
     check_environment(source, &key("environment"), &server.environment)?;

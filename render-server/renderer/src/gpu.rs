@@ -5,6 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use tracing::{info, warn};
 
+use crate::gpu_choice::{AdapterInfo, choose};
+
 /// Why no GPU could be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum GpuError {
@@ -16,6 +18,22 @@ pub enum GpuError {
     /// There are drivers, but none that can present to the given window.
     #[error("none of the drivers can draw to this window: {0}")]
     NoneForSurface(String),
+    /// There is no such GPU.
+    #[error("no GPU here is {asked:?} by a part of its name or its PCI address; there is {found}")]
+    NoneOfName {
+        /// The name that was asked for.
+        asked: String,
+        /// All GPUs.
+        found: String,
+    },
+    /// The name does not say which.
+    #[error("several GPUs here are {asked:?}: {found}; give the PCI address of one")]
+    Several {
+        /// The name that was asked for.
+        asked: String,
+        /// Those that it names.
+        found: String,
+    },
     /// The driver refused to make a device.
     #[error("{adapter} refused to open: {reason}")]
     Device {
@@ -24,23 +42,6 @@ pub enum GpuError {
         /// In the driver's words.
         reason: String,
     },
-}
-
-/// Facts about an adapter, for reports.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct AdapterInfo {
-    /// For example "llvmpipe (LLVM 15.0.6, 256 bits)".
-    pub name: String,
-    /// The driver's name.
-    pub driver: String,
-    /// Its version; pictures are bit-equal only between equal drivers.
-    pub driver_info: String,
-    /// "vulkan" or "gl".
-    pub backend: String,
-    /// "DiscreteGpu", "IntegratedGpu", "VirtualGpu", "Cpu" or "Other".
-    pub device_type: String,
-    /// Largest width and height of a texture, in pixels.
-    pub texture_side_max: u32,
 }
 
 /// One opened adapter. The device reports faults here instead of panicking.
@@ -84,7 +85,17 @@ impl Gpu {
     /// # Errors
     /// No driver, or the driver refuses.
     pub fn headless() -> Result<Self, GpuError> {
-        Self::open(Self::instance(wgpu::InstanceDescriptor::new_without_display_handle), None)
+        Self::open(Self::headless_instance(), None, None)
+    }
+
+    /// An instance that needs no display.
+    pub fn headless_instance() -> wgpu::Instance {
+        Self::instance(wgpu::InstanceDescriptor::new_without_display_handle)
+    }
+
+    /// Returns the GPUs of this machine that can be opened, with their drivers.
+    pub fn list() -> Vec<AdapterInfo> {
+        adapters(&Self::headless_instance()).iter().map(AdapterInfo::of).collect()
     }
 
     /// An instance of Vulkan where there is a driver for it, else of GL; `WGPU_BACKEND` and,
@@ -107,25 +118,28 @@ impl Gpu {
     }
 
     /// Opens the best adapter that can present to the surface: hardware Vulkan, else software
-    /// Vulkan, else GL.
+    /// Vulkan, else GL. `asked` is a part of the name of the only one that will do, or its PCI
+    /// address.
     ///
     /// # Errors
-    /// No driver, none for this surface, or the driver refuses.
+    /// No driver, none for this surface, none or several that are asked for, or the driver refuses.
     pub fn open(
         instance: wgpu::Instance,
         compatible_surface: Option<&wgpu::Surface<'_>>,
+        asked: Option<&str>,
     ) -> Result<Self, GpuError> {
-        let backends = wgpu::Backends::VULKAN | wgpu::Backends::GL;
-        let mut adapters = pollster::block_on(instance.enumerate_adapters(backends));
-        if adapters.is_empty() {
-            return Err(GpuError::NoAdapter);
-        }
-        let names: Vec<String> = adapters.iter().map(|a| a.get_info().name).collect();
+        let mut adapters = adapters(&instance);
+        let found: Vec<AdapterInfo> = adapters.iter().map(AdapterInfo::of).collect();
+        // One that is asked for and cannot present is another mistake than one that is not there.
+        let mut chosen = choose(&found, asked)?;
         if let Some(surface) = compatible_surface {
             adapters.retain(|adapter| adapter.is_surface_supported(surface));
+            let left: Vec<AdapterInfo> = adapters.iter().map(AdapterInfo::of).collect();
+            let names: Vec<String> = found.iter().map(ToString::to_string).collect();
+            let none = |_| GpuError::NoneForSurface(names.join(", "));
+            chosen = choose(&left, asked).map_err(none)?;
         }
-        let best = adapters.into_iter().min_by_key(|adapter| rank(&adapter.get_info()));
-        let adapter = best.ok_or_else(|| GpuError::NoneForSurface(names.join(", ")))?;
+        let adapter = adapters.swap_remove(chosen);
         let gpu = Self::of(instance, adapter, Arc::default())?;
         let facts = gpu.info();
         info!(adapter = facts.name, driver = facts.driver_info, backend = facts.backend, "gpu");
@@ -188,15 +202,7 @@ impl Gpu {
 
     /// Returns facts about the adapter.
     pub fn info(&self) -> AdapterInfo {
-        let info = self.adapter.get_info();
-        AdapterInfo {
-            name: info.name,
-            driver: info.driver,
-            driver_info: info.driver_info,
-            backend: info.backend.to_string(),
-            device_type: format!("{:?}", info.device_type),
-            texture_side_max: self.device.limits().max_texture_dimension_2d,
-        }
+        AdapterInfo::of(&self.adapter)
     }
 
     /// Returns whether a texture can be written as sRGB and as plain bytes; `false` with GL.
@@ -217,17 +223,9 @@ impl Gpu {
     }
 }
 
-/// Lower is better. GL comes last also because its depth from −1 to 1 costs reversed depth its
-/// precision far away.
-fn rank(info: &wgpu::AdapterInfo) -> u32 {
-    let kind = match info.device_type {
-        wgpu::DeviceType::DiscreteGpu => 0,
-        wgpu::DeviceType::IntegratedGpu => 1,
-        wgpu::DeviceType::VirtualGpu => 2,
-        wgpu::DeviceType::Other => 3,
-        wgpu::DeviceType::Cpu => 4,
-    };
-    if info.backend == wgpu::Backend::Vulkan { kind } else { 10 + kind }
+fn adapters(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
+    let backends = wgpu::Backends::VULKAN | wgpu::Backends::GL;
+    pollster::block_on(instance.enumerate_adapters(backends))
 }
 
 fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {

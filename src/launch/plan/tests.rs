@@ -56,13 +56,14 @@ fn command_lines_say_what_the_file_does() {
     let plan = plan(
         "[launch]\nkeys = \"/k/\"\nwall = \"/w.toml\"\n\
          manager_arguments = [\"--http\", \"127.0.0.1:80\"]\n[server.b]\nhost = \"me@r\"\n\
-         output = \"fullscreen\"\narguments = [\"--monitor\", \"DP 1\"]\n",
+         output = \"fullscreen\"\ngpu = \"RTX A6000\"\narguments = [\"--monitor\", \"DP 1\"]\n",
     )
     .expect("a plan");
     let manager = "manager /w.toml --listen 127.0.0.1:7878 --keys /k/manager --http 127.0.0.1:80";
     assert_eq!(plan.manager_there().join(" "), manager);
     let server = plan.server_there("b", "h:1", LaunchOutput::Headless);
-    let expected = "server --manager h:1 --name b --channel f-2-1 --fullscreen --keys /k/server-b \
+    let expected = "server --manager h:1 --name b --channel f-2-1 --fullscreen --gpu=RTX A6000 \
+                    --keys /k/server-b \
                     --monitor DP 1";
     assert_eq!(server.join(" "), expected);
     let machines = plan.machines();

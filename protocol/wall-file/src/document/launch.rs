@@ -70,6 +70,10 @@ pub struct ServerSection {
     /// Where it draws. Default: output of [launch].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub output: Option<LaunchOutput>,
+    /// The GPU that it draws with: a part of its name, or its PCI address, as `polyptych server
+    /// --list-gpus` prints them on its machine. Default: the best one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gpu: Option<String>,
     /// Variables for this server, before those of [launch].
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub environment: BTreeMap<String, String>,
