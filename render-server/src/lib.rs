@@ -28,6 +28,7 @@ mod reduced_grid;
 mod render_event;
 mod render_thread;
 mod run;
+mod touch;
 mod watched_store;
 mod window;
 mod window_output;

@@ -1,7 +1,7 @@
 //! The mouse over windows: dragging turns the scene, dragging with another button or with Shift
-//! moves it, the wheel makes it larger or smaller.
+//! moves it, the wheel makes it larger or smaller. So do fingers, see [`touch`](super::touch).
 //!
-//! Movements of the mouse are added up and taken once in [`PERIOD`], however often the window
+//! Movements are added up and taken once in [`PERIOD`], however often the window
 //! system reports them.
 
 use std::time::{Duration, Instant};
@@ -10,6 +10,8 @@ use glam::DVec2;
 use polyptych_protocol::navigation::Navigation;
 use winit::dpi::PhysicalSize;
 use winit::event::{ElementState, MouseButton, MouseScrollDelta, WindowEvent};
+
+use crate::touch::{Fingers, Gesture};
 
 /// Shortest time between two messages: as often as most displays show a frame.
 const PERIOD: Duration = Duration::from_micros(16_667);
@@ -33,9 +35,12 @@ enum Drag {
     Pan,
 }
 
-/// The mouse over the windows of this server.
+/// The mouse and the fingers over the windows of this server.
 #[derive(Debug, Default)]
 pub(crate) struct Mouse {
+    /// Fingers alone count.
+    is_fullscreen: bool,
+    fingers: Fingers,
     held: Option<(MouseButton, Drag)>,
     position: Option<DVec2>,
     has_shift: bool,
@@ -44,9 +49,28 @@ pub(crate) struct Mouse {
 }
 
 impl Mouse {
-    /// Adds what the mouse does over the window of a channel, `size` being the window's in pixels.
+    /// In full screen nobody sits before the wall with its mouse, but somebody may touch it.
+    pub fn new(is_fullscreen: bool) -> Self {
+        Self { is_fullscreen, ..Self::default() }
+    }
+
+    /// Adds what the mouse or a finger does over the window of a channel, `size` being the window's in pixels.
     pub fn handle(&mut self, channel: &str, size: PhysicalSize<u32>, event: &WindowEvent) {
+        let pixels = DVec2::new(f64::from(size.width), f64::from(size.height)).max(DVec2::ONE);
         match event {
+            WindowEvent::Touch(touch) => match self.fingers.handle(channel, touch) {
+                Some(Gesture::One(by)) => self.drag(channel, Drag::Orbit, by, pixels),
+                Some(Gesture::Several { by, zoom }) => {
+                    self.drag(channel, Drag::Pan, by, pixels);
+                    self.zoom(channel, zoom);
+                }
+                None => {}
+            },
+            WindowEvent::Focused(false) => {
+                self.held = None;
+                self.fingers.forget(channel);
+            }
+            _ if self.is_fullscreen => {}
             WindowEvent::ModifiersChanged(keys) => self.has_shift = keys.state().shift_key(),
             WindowEvent::MouseInput { state: ElementState::Pressed, button, .. } => {
                 self.press(*button);
@@ -54,13 +78,11 @@ impl Mouse {
             WindowEvent::MouseInput { state: ElementState::Released, button, .. } => {
                 self.held = self.held.filter(|(held, _)| held != button);
             }
-            WindowEvent::Focused(false) => self.held = None,
             WindowEvent::CursorMoved { position, .. } => {
                 let now = DVec2::new(position.x, position.y);
                 let before = self.position.replace(now);
                 if let (Some((_, drag)), Some(before)) = (self.held, before) {
-                    let size = DVec2::new(f64::from(size.width), f64::from(size.height));
-                    self.drag(channel, drag, now - before, size.max(DVec2::ONE));
+                    self.drag(channel, drag, now - before, pixels);
                 }
             }
             // Positions in another window are measured from another corner.
@@ -70,10 +92,7 @@ impl Mouse {
                     MouseScrollDelta::LineDelta(_, lines) => f64::from(*lines),
                     MouseScrollDelta::PixelDelta(pixels) => pixels.y / PIXELS_PER_LINE,
                 };
-                let zoom = ZOOM_PER_LINE.powf(lines.clamp(-LINES_MAX, LINES_MAX));
-                let limit = ZOOM_PER_LINE.powf(LINES_MAX);
-                let pending = self.pending(channel);
-                pending.zoom = (pending.zoom * zoom).clamp(1.0 / limit, limit);
+                self.zoom(channel, ZOOM_PER_LINE.powf(lines.clamp(-LINES_MAX, LINES_MAX)));
             }
             _ => {}
         }
@@ -95,6 +114,12 @@ impl Mouse {
             Drag::Orbit => pending.orbit_rad += by * ORBIT_RAD_PER_PIXEL,
             Drag::Pan => pending.pan += by / size,
         }
+    }
+
+    fn zoom(&mut self, channel: &str, by: f64) {
+        let limit = ZOOM_PER_LINE.powf(LINES_MAX);
+        let pending = self.pending(channel);
+        pending.zoom = (pending.zoom * by).clamp(1.0 / limit, limit);
     }
 
     /// Returns the movements that are not sent yet. A drag goes on in the channel where it began.
@@ -123,7 +148,7 @@ impl Mouse {
 #[cfg(test)]
 mod tests {
     use winit::dpi::PhysicalPosition;
-    use winit::event::{DeviceId, TouchPhase};
+    use winit::event::{DeviceId, Touch, TouchPhase};
 
     use super::*;
 
@@ -172,6 +197,29 @@ mod tests {
             let all = mouse.take(Instant::now()).expect("a move");
             assert_eq!((all.pan, all.orbit_rad), (DVec2::new(0.5, 0.25), DVec2::ZERO));
         }
+    }
+
+    #[test]
+    fn in_full_screen_fingers_count_and_the_mouse_does_not() {
+        let mut mouse = Mouse::new(true);
+        button(&mut mouse, MouseButton::Left, ElementState::Pressed);
+        moved(&mut mouse, 10.0, 10.0);
+        moved(&mut mouse, 90.0, 10.0);
+        wheel(&mut mouse, 3.0);
+        assert_eq!(mouse.take(Instant::now()), None);
+        let mut finger = |id, phase, x, y| {
+            let (device_id, location) = (DeviceId::dummy(), PhysicalPosition::new(x, y));
+            let touch = Touch { device_id, phase, location, force: None, id };
+            mouse.handle("a", SIZE, &WindowEvent::Touch(touch));
+        };
+        finger(1, TouchPhase::Started, 20.0, 20.0);
+        finger(1, TouchPhase::Moved, 30.0, 20.0);
+        finger(2, TouchPhase::Started, 130.0, 20.0);
+        finger(1, TouchPhase::Moved, 80.0, 20.0);
+        let all = mouse.take(Instant::now()).expect("a move");
+        assert_eq!(all.orbit_rad, DVec2::new(10.0, 0.0) * ORBIT_RAD_PER_PIXEL);
+        // Two move by their middle, which is 25 of 200 pixels; they are half as far apart.
+        assert_eq!((all.pan, all.zoom), (DVec2::new(0.125, 0.0), 0.5));
     }
 
     #[test]

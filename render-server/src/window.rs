@@ -104,8 +104,7 @@ pub(crate) fn serve(
     });
     let mut app = App {
         instance,
-        // In full screen nobody sits before the wall with its mouse.
-        mouse: wish.fullscreen.is_none().then(Mouse::default),
+        mouse: Mouse::new(wish.fullscreen.is_some()),
         channels: wish.channels,
         fullscreen: wish.fullscreen,
         on_close: wish.on_close,
@@ -123,7 +122,7 @@ struct App {
     channels: Vec<String>,
     fullscreen: Option<Fullscreen>,
     on_close: Option<fn(&str)>,
-    mouse: Option<Mouse>,
+    mouse: Mouse,
     start: Option<Start>,
     links: Option<Links>,
     windows: Vec<(Arc<Window>, String)>,
@@ -183,12 +182,12 @@ impl App {
         }
     }
 
-    /// Sends how the mouse has moved the camera, where that is due.
+    /// Sends how the mouse or fingers have moved the camera, where that is due.
     fn navigate(&mut self) {
-        let (Some(mouse), Some(links)) = (&mut self.mouse, &self.links) else { return };
+        let Some(links) = &self.links else { return };
         // Without a place in the queue it waits, and goes on to be added up.
         if let Ok(place) = links.reports.try_reserve()
-            && let Some(navigation) = mouse.take(Instant::now())
+            && let Some(navigation) = self.mouse.take(Instant::now())
         {
             place.send(RenderEvent::Status(ServerMessage::Navigate(navigation)));
         }
@@ -225,9 +224,7 @@ impl ApplicationHandler<Message> for App {
     fn window_event(&mut self, event_loop: &ActiveEventLoop, id: WindowId, event: WindowEvent) {
         let found = self.windows.iter().find(|(window, _)| window.id() == id);
         let Some((window, channel)) = found else { return };
-        if let Some(mouse) = &mut self.mouse {
-            mouse.handle(channel, window.inner_size(), &event);
-        }
+        self.mouse.handle(channel, window.inner_size(), &event);
         let channel = channel.clone();
         if let (WindowEvent::Resized(_) | WindowEvent::Moved(_), Some(fullscreen)) =
             (&event, &mut self.fullscreen)
@@ -256,7 +253,7 @@ impl ApplicationHandler<Message> for App {
         self.navigate();
         let now = Instant::now();
         let look = now + EVENTS_PERIOD;
-        let due = self.mouse.as_ref().and_then(|mouse| mouse.next(now));
+        let due = self.mouse.next(now);
         event_loop.set_control_flow(ControlFlow::WaitUntil(due.map_or(look, |due| due.min(look))));
     }
 }

@@ -67,7 +67,8 @@ pub(super) struct Arguments {
     /// Listen on an address that other machines reach without keys, though nothing is encrypted
     #[arg(long)]
     insecure: bool,
-    /// Let the mouse over the windows of servers move the camera; never in full screen
+    /// Let the mouse over the windows of servers move the camera, and fingers on their displays; in
+    /// full screen fingers only
     /// [default: true on an address of this machine without keys, else false]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
     #[arg(require_equals = true)]
