@@ -54,7 +54,8 @@ impl Mouse {
         Self { is_fullscreen, ..Self::default() }
     }
 
-    /// Adds what the mouse or a finger does over the window of a channel, `size` being the window's in pixels.
+    /// Adds what the mouse or a finger does over the window of a channel, `size` being the window's
+    /// in pixels.
     pub fn handle(&mut self, channel: &str, size: PhysicalSize<u32>, event: &WindowEvent) {
         let pixels = DVec2::new(f64::from(size.width), f64::from(size.height)).max(DVec2::ONE);
         match event {
