@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! too slow: rises at once, by as much as the frame was too slow
+//! three rises have not halved what is too much: doubles with each frame
 //! on time, by less than it falls for: stays
 //! faster for 8 frames: falls by 3 % a frame, but not to where it was too slow lately
 //! ```
@@ -35,6 +36,14 @@ const FALL_FACTOR: f64 = 0.97;
 /// held up by something else.
 const RISE_FACTORS: [f64; 2] = [1.02, 4.0];
 
+/// Rises that together must halve the time that frames take too long: from then on each is at
+/// least [`SOONER_FACTOR`], as what the bound saves is not where the time goes. Without it, a wall
+/// whose time goes into pixels was late in 31 frames until its resolution was lowered.
+const SOONER_RISES: u32 = 3;
+
+/// The least factor of these rises.
+const SOONER_FACTOR: f64 = 2.0;
+
 /// The least bound above 0, in pixels: the first step up, and where falling ends.
 const STEP_PX: f64 = 0.0625;
 
@@ -63,6 +72,10 @@ pub(super) struct RateBound {
     hold_from: u32,
     /// Frames at the largest bound that were too slow, one after another.
     unmet: u32,
+    /// The time that a frame took too long, as a share of the budget, and the rises since then;
+    /// it is another one where it has halved.
+    excess: f64,
+    rises: u32,
 }
 
 impl RateBound {
@@ -103,7 +116,7 @@ impl RateBound {
         if used > 1.0 {
             self.rise(with, used);
         } else {
-            self.unmet = 0;
+            (self.unmet, self.rises) = (0, 0);
             let (roomy, peak) = (self.roomy + 1, self.peak.max(used));
             (self.roomy, self.peak) = if used < ROOM_FRACTION { (roomy, peak) } else { (0, 0.0) };
             if self.roomy >= ROOM_FRAMES {
@@ -129,10 +142,17 @@ impl RateBound {
         self.hold_from = if is_same { (self.hold_from * 2).clamp(first, most) } else { first };
         (self.slow, self.hold, self.roomy, self.peak) = (with, self.hold_from, 0, 0.0);
         self.unmet = if with >= Reduction::MAX { self.unmet.saturating_add(1) } else { 0 };
+        if self.rises == 0 || used - 1.0 < 0.5 * self.excess {
+            (self.excess, self.rises) = (used - 1.0, 0);
+        }
         let [least, greatest] = RISE_FACTORS;
+        let least = if self.rises >= SOONER_RISES { SOONER_FACTOR } else { least };
         let higher = with.raised(used.clamp(least, greatest), STEP_PX);
         // A report of an older frame asks again for what was done.
-        self.in_force = self.in_force.max(higher);
+        if higher > self.in_force {
+            self.in_force = higher;
+            self.rises += 1;
+        }
     }
 
     fn fall(&mut self, from: Reduction) {

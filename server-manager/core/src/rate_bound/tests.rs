@@ -233,7 +233,8 @@ proptest! {
             let noise = 1.0 + 0.04 * (f64::from(noise % 2001) / 1000.0 - 1.0);
             model.draw_us(reduction) * noise
         });
-        prop_assert!(late <= 30, "{late} of 1000 late: {all:?}");
+        // Up to 14 in 100,000 of these until the resolution is lowered enough.
+        prop_assert!(late <= 20, "{late} of 1000 late: {all:?}");
         let steps: Vec<u8> = all.iter().map(|reduction| reduction.resolution_steps()).collect();
         let turns = steps[200..].windows(2).filter(|pair| pair[1] != pair[0]).count();
         // Tries of the next resolution, ever more rarely, and back.

@@ -113,7 +113,7 @@ fn the_bound_in_force_follows_the_slowest_channel_and_is_reported() {
 fn a_rate_that_no_detail_keeps_is_told_with_the_channel() {
     let mut stage = ClusterFixture::new(2);
     stage.bound(RATE);
-    for _ in 0..22 {
+    for _ in 0..11 {
         stage.bounded_frame(|_| [60_000, 10_000]);
     }
     // Before it is said, resolution is tried, and that is said.
