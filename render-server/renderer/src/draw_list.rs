@@ -73,6 +73,15 @@ pub(crate) struct Scratch {
     pub ordered_indices: Vec<u32>,
 }
 
+/// The items of which a map of shadows has some.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ShadowItems {
+    /// Those that look the same in each frame.
+    Still,
+    /// All others; see [`GpuScene::is_moving`].
+    Moving,
+}
+
 /// The items that a view may show, in no particular order.
 #[derive(Debug)]
 pub(crate) struct VisibleItems {
@@ -99,33 +108,42 @@ impl VisibleItems {
         found
     }
 
-    /// Finds the items of which a map has what casts shadows, in its view; levels of detail and the
-    /// turns of billboards are those of the camera that sees the shadows. `receivers`: a sphere
-    /// around all places that the map is for, in world space; nothing is found if it is empty.
+    /// Finds those of these items of which a map has what casts shadows, in its view; levels of
+    /// detail and the turns of billboards are those of the camera that sees the shadows. Returns
+    /// also whether any of these items, casting or not, receives shadows from the map.
+    /// `receivers`: a sphere around all places that the map is for, in world space.
     pub fn casting(
         scene: &GpuScene,
-        light: &ViewDesc,
+        (light, of): (&ViewDesc, ShadowItems),
         (tolerance, turns): (ErrorTolerance, Vec<DAffine3>),
         (center, radius): (DVec3, f64),
-    ) -> Self {
+    ) -> (Self, bool) {
         let [_, _, width, height] = light.viewport.map(|number| number as u32);
-        let mut found = Self::found(scene, light, [0, 0, width, height], (tolerance, turns));
+        let planes = light.planes([0, 0, width, height]);
+        let mut items = Vec::new();
+        match of {
+            ShadowItems::Still => {
+                scene.visible(&planes, &mut items);
+                if scene.has_moving() {
+                    items.retain(|item| !scene.is_moving(*item));
+                }
+            }
+            ShadowItems::Moving => scene.visible_moving(&planes, &mut items),
+        }
+        let mut found = Self::of_part(scene, light, (planes, items), (tolerance, turns));
         found.both_sides = true;
         let reach = radius * radius;
-        let receives = |item: &u32| {
+        let receives = found.items.iter().any(|item| {
             // Written so that a box that is not finite receives.
             let is_beyond = scene.item(*item).2.distance_squared(center) > reach;
             !is_beyond
-        };
-        if !found.items.iter().any(receives) {
-            found.items.clear();
-        }
+        });
         found.items.retain(|&item| {
             let batch = &scene.layout.batches[scene.item(item).0.batch as usize];
             casts_shadows(&scene.layout.keys[batch.pipeline as usize])
         });
         leave_out_small(scene, &found.tolerance, &mut found.items);
-        found
+        (found, receives)
     }
 
     /// Removes the items that cast no shadow of a lamp with this reach, in world space: those that
@@ -146,11 +164,22 @@ impl VisibleItems {
         scene: &GpuScene,
         view: &ViewDesc,
         rectangle: [u32; 4],
-        (tolerance, turns): (ErrorTolerance, Vec<DAffine3>),
+        of_camera: (ErrorTolerance, Vec<DAffine3>),
     ) -> Self {
         let planes = view.planes(rectangle);
         let mut items = Vec::new();
         scene.visible(&planes, &mut items);
+        Self { rectangle, ..Self::of_part(scene, view, (planes, items), of_camera) }
+    }
+
+    /// Those of the items within these planes that are in the part of the scene that a view shows.
+    fn of_part(
+        scene: &GpuScene,
+        view: &ViewDesc,
+        (planes, mut items): (FrustumPlanes, Vec<u32>),
+        (tolerance, turns): (ErrorTolerance, Vec<DAffine3>),
+    ) -> Self {
+        let [_, _, width, height] = view.viewport.map(|number| number as u32);
         let part = scene.layout.tree.select(&view.subset);
         if !part.is_whole() {
             let layout = &scene.layout;
@@ -161,6 +190,7 @@ impl VisibleItems {
             });
         }
         let (both_sides, error_share) = (false, 0.0);
+        let rectangle = [0, 0, width, height];
         Self { rectangle, items, planes, tolerance, turns, both_sides, error_share }
     }
 }

@@ -17,6 +17,7 @@ mod material_extension;
 mod meshlet;
 mod moment;
 mod moved_items;
+mod moving_items;
 mod outline;
 mod slots;
 mod subset;
@@ -81,6 +82,8 @@ pub struct GpuScene {
     pub(crate) layout: Arc<SceneLayout>,
     /// Items that stand elsewhere than in the layout.
     moved: Option<Arc<MovedItems>>,
+    /// Items with masks whose material is changed by clips, rising.
+    painted: Arc<[u32]>,
     pub(crate) geometries: Arc<Vec<Geometry>>,
     /// For each batch, whether its triangles are drawn in the order of their distances.
     ordered: Arc<[bool]>,
@@ -161,6 +164,7 @@ impl GpuScene {
             ordered,
             layout,
             moved,
+            painted: Arc::default(),
             geometries: Arc::clone(&self.geometries),
             materials,
             textures: Arc::clone(&self.textures),

@@ -19,6 +19,7 @@ mod level_choice;
 mod levels;
 mod light_meter;
 mod moved;
+mod moving_shadows;
 mod occlusion;
 mod order;
 mod parallel;

@@ -2,7 +2,7 @@
 
 use polyptych_scene::lamps_with_maps;
 
-use super::map_sets::ShadowMap;
+use super::shadow_map::ShadowMap;
 use crate::lamp_map::{LampMap, LampShadowRecord, side_of};
 use crate::scene::{Bounds, GpuScene};
 use crate::view::ViewDesc;

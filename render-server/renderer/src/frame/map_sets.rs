@@ -4,66 +4,30 @@
 //! They are drawn as a frame is submitted, after those that were submitted before: the queue does
 //! one after the other, so a map that is drawn anew is read by no frame before.
 
-use glam::{DAffine3, DVec3};
-use polyptych_scene::SceneSubset;
-
 use super::begun_frame::ShownView;
+use super::map_set::{MapSet, MapWork, Subject};
+use super::shadow_map::ShadowMap;
 use super::{FrameResources, check_records};
 use crate::DrawError;
-use crate::draw_list::{DrawList, VisibleItems};
-use crate::error_tolerance::ErrorTolerance;
+use crate::draw_list::{DrawList, ShadowItems};
 use crate::gpu::Gpu;
-use crate::lamp_map::LampMap;
 use crate::pass::shadow::{self, ShadowPass};
-use crate::scene::{Billboard, Bounds, GpuScene, SceneIdentity};
-use crate::shadow_cascades::Cascade;
-use crate::target::DEPTH_FORMAT;
+use crate::scene::{Bounds, GpuScene};
 use crate::view::ViewDesc;
 
 /// Maps that were not used in so many frames of channels leave their memory.
 const KEPT_FRAMES: u64 = 256;
 
-/// Maximum number of maps that are drawn by one submission: each has the uniforms of a view.
-const MAPS_TOGETHER_MAX: usize = 16;
+/// Maximum number of passes of one submission: each has the uniforms of a view, and a map has up
+/// to [`PASSES_OF_MAP`].
+const PASSES_TOGETHER_MAX: usize = 16;
+
+/// What stands still, and what moves.
+const PASSES_OF_MAP: usize = 2;
 
 /// Primitives from which on a submission takes no further map: a quarter of what a frame may have,
 /// and a map has no more than half of that.
 const RECORDS_TOGETHER: usize = super::RECORDS_MAX / 4;
-
-/// A map: all that its depths depend on, but for the scene.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum ShadowMap {
-    Sun(Cascade),
-    Lamp(LampMap),
-}
-
-/// The surfaces in the maps of a view, whatever the places of the maps are.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Subject {
-    scene: SceneIdentity,
-    subset: SceneSubset,
-    /// The turns of billboards, which follow the camera.
-    turns: Vec<DAffine3>,
-}
-
-/// The maps of one view.
-#[derive(Debug)]
-pub(super) struct MapSet {
-    subject: Subject,
-    /// The box of all that the view may show.
-    extent: Bounds,
-    /// Texels along each side of each.
-    side: u32,
-    /// By layer; `None` until it is drawn.
-    drawn: Vec<Option<ShadowMap>>,
-    /// By layer.
-    maps: Vec<wgpu::TextureView>,
-    pub all: wgpu::TextureView,
-    /// The records of lamps that shaders read; made when they are needed.
-    pub records: Option<wgpu::Buffer>,
-    /// The number of the frame that used it last.
-    used: u64,
-}
 
 /// A map that is to be drawn.
 struct Order {
@@ -72,6 +36,24 @@ struct Order {
     set: usize,
     layer: usize,
     map: ShadowMap,
+    work: MapWork,
+}
+
+/// A step of drawing a map.
+enum Step {
+    /// The pass of this list over this map, which begins with what the map has if `true`.
+    Pass(usize, wgpu::TextureView, bool),
+    /// Copies what stands still into this layer of this set.
+    Copy(usize, usize),
+}
+
+/// The passes of a submission.
+#[derive(Default)]
+struct Passes {
+    lists: Vec<DrawList>,
+    /// By list.
+    views: Vec<ViewDesc>,
+    steps: Vec<Step>,
 }
 
 /// All sets of one kind of lights.
@@ -92,64 +74,17 @@ impl MapOrders {
     }
 }
 
-impl ShadowMap {
-    /// The view that draws the map, of what a camera shows.
-    fn view(&self, camera: &ViewDesc) -> ViewDesc {
-        match self {
-            Self::Sun(cascade) => cascade.view(camera),
-            Self::Lamp(map) => map.view(camera),
-        }
-    }
-
-    /// The errors up to which coarser levels of detail are drawn.
-    fn tolerance(&self, camera: &ViewDesc) -> ErrorTolerance {
-        match self {
-            Self::Sun(cascade) => ErrorTolerance::new(&cascade.levels.view(camera)),
-            Self::Lamp(map) => ErrorTolerance::new(&map.view(camera)),
-        }
-    }
-
-    /// A sphere around all places that the map is for, in world space.
-    fn receivers(&self) -> (DVec3, f64) {
-        match self {
-            Self::Sun(cascade) => cascade.around,
-            Self::Lamp(map) => map.reached(),
-        }
-    }
-
-    /// Finds the items that it has, with the turns of billboards.
-    fn casting(&self, scene: &GpuScene, camera: &ViewDesc, turns: &[DAffine3]) -> VisibleItems {
-        let (tolerance, turns) = (self.tolerance(camera), turns.to_vec());
-        let (light, receivers) = (self.view(camera), self.receivers());
-        let mut casting = VisibleItems::casting(scene, &light, (tolerance, turns), receivers);
-        if let Self::Lamp(map) = self {
-            casting.keep_casting(scene, map.reached());
-        }
-        casting
-    }
-}
-
-impl Subject {
-    pub fn new(scene: &GpuScene, view: &ViewDesc) -> Self {
-        Self {
-            scene: SceneIdentity::new(scene),
-            subset: view.subset.clone(),
-            turns: Billboard::turns(scene.billboards(), view),
-        }
-    }
-}
-
 impl MapSets {
     /// Begins a frame: leaves what was not used for long, or is of a scene that is gone.
     pub fn begin_frame(&mut self) {
         self.frame += 1;
         let kept = self.frame.saturating_sub(KEPT_FRAMES);
-        self.sets.retain(|set| set.used >= kept && !set.subject.scene.is_gone());
+        self.sets.retain(|set| set.used >= kept && !set.subject().scene.is_gone());
     }
 
     /// The box of all that a view of a subject may show, if a set knows it.
     pub fn extent_of(&self, subject: &Subject) -> Option<Bounds> {
-        self.sets.iter().find(|set| set.subject == *subject).map(|set| set.extent)
+        self.sets.iter().find_map(|set| set.extent_of(subject))
     }
 
     pub fn get(&self, set: usize) -> &MapSet {
@@ -164,17 +99,15 @@ impl MapSets {
     /// others. Those that it lacks are ordered for a view.
     pub fn find(
         &mut self,
-        gpu: &Gpu,
+        (gpu, scene): (&Gpu, &GpuScene),
         (subject, extent): (&Subject, Bounds),
         (wanted, side): (&[ShadowMap], u32),
-        (view, orders): (usize, &mut MapOrders),
+        (view, camera, orders): (usize, &ViewDesc, &mut MapOrders),
     ) -> usize {
         let set = self.set_of(gpu, (subject, extent), (wanted, side));
-        let drawn = &mut self.sets[set].drawn;
         for (layer, map) in wanted.iter().enumerate() {
-            if drawn[layer].replace(*map) != Some(*map) {
-                orders.0.push(Order { view, set, layer, map: *map });
-            }
+            let work = self.sets[set].work_on(scene, camera, (layer, map));
+            orders.0.extend(work.map(|work| Order { view, set, layer, map: *map, work }));
         }
         set
     }
@@ -185,46 +118,20 @@ impl MapSets {
         (subject, extent): (&Subject, Bounds),
         (wanted, side): (&[ShadowMap], u32),
     ) -> usize {
-        let layers = wanted.len();
-        let equal = |set: &MapSet| {
-            let is_fitting =
-                set.subject == *subject && set.side == side && set.drawn.len() >= layers;
-            let pairs = || wanted.iter().zip(&set.drawn);
-            is_fitting.then(|| pairs().filter(|(map, drawn)| **drawn == Some(**map)).count())
-        };
         let frame = self.frame;
-        let is_free = |set: &MapSet, equal: usize| set.used < frame || equal == layers;
         let fitting = self.sets.iter().enumerate().filter_map(|(at, set)| {
-            equal(set).filter(|equal| is_free(set, *equal)).map(|equal| (equal, at))
+            let equal = set.equal_to(subject, (wanted, side))?;
+            let is_free = set.used < frame || equal[0] == wanted.len();
+            is_free.then_some((equal, at))
         });
         let found = fitting.max().map(|(_, at)| at);
-        let at = found.unwrap_or_else(|| {
-            // Of another place of the same camera, or of another scene: its memory is used again.
-            let room = self
-                .sets
-                .iter()
-                .position(|set| set.used < frame && set.side == side && set.drawn.len() == layers);
-            let new = |all: wgpu::TextureView, maps| MapSet {
-                subject: subject.clone(),
-                extent,
-                side,
-                drawn: vec![None; layers],
-                maps,
-                all,
-                records: None,
-                used: 0,
-            };
-            if let Some(at) = room {
-                let old = &self.sets[at];
-                self.sets[at] = new(old.all.clone(), old.maps.clone());
-                at
-            } else {
-                let texture = texture(gpu, side, layers as u32);
-                let maps = (0..layers as u32).map(|layer| layer_view(&texture, layer)).collect();
-                self.sets.push(new(array_view(&texture), maps));
-                self.sets.len() - 1
-            }
+        // Of another place of the same camera, or of another scene: its memory is used again.
+        let has_room = |set: &MapSet| set.used < frame && set.has_size(side, wanted.len());
+        let at = found.or_else(|| self.sets.iter().position(has_room)).unwrap_or_else(|| {
+            self.sets.push(MapSet::new(gpu, (subject, extent), side, wanted.len()));
+            self.sets.len() - 1
         });
+        self.sets[at].set_subject(subject, extent);
         self.sets[at].used = frame;
         at
     }
@@ -245,8 +152,8 @@ impl MapSets {
             match self.encode((frames, pass), gpu, scene, (shown, left)) {
                 Ok(count) => left = &left[count..],
                 Err(error) => {
-                    for Order { set, layer, .. } in left {
-                        self.sets[*set].drawn[*layer] = None;
+                    for of in left {
+                        self.sets[of.set].forget(of.layer);
                     }
                     return Err(error);
                 }
@@ -257,69 +164,81 @@ impl MapSets {
 
     /// Draws some of these maps, at least one, from the first on, and returns their number.
     fn encode(
-        &self,
+        &mut self,
         (frames, pass): (&mut FrameResources, &ShadowPass),
         gpu: &Gpu,
         scene: &GpuScene,
         (shown, orders): (&[ShownView], &[Order]),
     ) -> Result<usize, DrawError> {
         frames.clear_lists();
-        let (mut lists, mut views) = (Vec::new(), Vec::new());
-        for Order { view: index, set, map, .. } in orders.iter().take(MAPS_TOGETHER_MAX) {
-            if frames.records.len() >= RECORDS_TOGETHER {
-                break;
-            }
-            let camera = &shown[*index].0;
-            let light = map.view(camera);
-            let casting = map.casting(scene, camera, &self.sets[*set].subject.turns);
-            let (scratch, records) = (&mut frames.scratch, &mut frames.records);
-            lists.push(DrawList::new(scene, &light, (&casting, &casting.items), scratch, records));
-            check_records(gpu, records.len())
-                .map_err(|reason| DrawError::View { index: *index, reason })?;
-            views.push(light);
+        let (mut passes, mut count) = (Passes::default(), 0);
+        while count < orders.len()
+            && passes.lists.len() + PASSES_OF_MAP <= PASSES_TOGETHER_MAX
+            && frames.records.len() < RECORDS_TOGETHER
+        {
+            let order = &orders[count];
+            self.plan(&mut *frames, (gpu, scene), (&shown[order.view].0, order), &mut passes);
+            check_records(gpu, frames.records.len())
+                .map_err(|reason| DrawError::View { index: order.view, reason })?;
+            count += 1;
         }
+        let Passes { lists, views, steps } = passes;
         let pipelines = pass.pipelines(&scene.layout.keys);
         let context =
             frames.context(gpu, (pipelines, None), scene, (views.iter().collect(), None), &lists);
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("shadows") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
-        for (at, Order { set, layer, .. }) in orders[..lists.len()].iter().enumerate() {
-            let mut pass = shadow::begin(&mut encoder, &self.sets[*set].maps[*layer]);
-            context.draw(&mut pass, at, &lists[at].opaque);
+        for step in &steps {
+            match step {
+                Step::Pass(list, map, keeps) => {
+                    let mut pass = shadow::begin(&mut encoder, map, *keeps);
+                    context.draw(&mut pass, *list, &lists[*list].opaque);
+                }
+                Step::Copy(set, layer) => self.sets[*set].copy_still(&mut encoder, *layer),
+            }
         }
         gpu.queue.submit([encoder.finish()]);
-        Ok(lists.len())
+        Ok(count)
     }
-}
 
-/// Maps of so many texels along each side.
-pub(super) fn texture(gpu: &Gpu, side: u32, layers: u32) -> wgpu::Texture {
-    gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("shadow/maps"),
-        size: wgpu::Extent3d { width: side, height: side, depth_or_array_layers: layers },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: DEPTH_FORMAT,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
-        view_formats: &[],
-    })
-}
-
-/// All layers, as shaders read them.
-pub(super) fn array_view(texture: &wgpu::Texture) -> wgpu::TextureView {
-    texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::D2Array),
-        ..Default::default()
-    })
-}
-
-/// One layer, as it is drawn.
-fn layer_view(texture: &wgpu::Texture, layer: u32) -> wgpu::TextureView {
-    texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::D2),
-        base_array_layer: layer,
-        array_layer_count: Some(1),
-        ..Default::default()
-    })
+    /// Adds the passes of a map.
+    fn plan(
+        &mut self,
+        frames: &mut FrameResources,
+        (gpu, scene): (&Gpu, &GpuScene),
+        (camera, order): (&ViewDesc, &Order),
+        passes: &mut Passes,
+    ) {
+        let Order { set, layer, map, work, .. } = order;
+        let light = map.view(camera);
+        let of_set = &mut self.sets[*set];
+        let still = of_set.still(*layer, map).is_some();
+        let of = (ShadowItems::Still, &of_set.subject().turns[..]);
+        let still = (!still).then(|| map.casting(scene, camera, of));
+        let mut add = |casting: &_, items: &[u32], map, keeps| {
+            let (scratch, records) = (&mut frames.scratch, &mut frames.records);
+            let list = DrawList::new(scene, &light, (casting, items), scratch, records);
+            passes.steps.push(Step::Pass(passes.lists.len(), map, keeps));
+            passes.lists.push(list);
+            passes.views.push(light.clone());
+        };
+        match (work, still) {
+            (MapWork::Still, Some((casting, receives))) => {
+                // Nothing is looked up in a map that nothing receives shadows from.
+                let items = if receives { &casting.items[..] } else { &[] };
+                add(&casting, items, of_set.map(*layer).clone(), false);
+            }
+            (MapWork::Still, None) => passes.steps.push(Step::Copy(*set, *layer)),
+            (MapWork::Moving(moving), still) => {
+                if let Some((casting, receives)) = still {
+                    let map = of_set.begin_still(gpu, (*layer, map, receives));
+                    add(&casting, &casting.items, map, false);
+                }
+                let map = of_set.map(*layer).clone();
+                add(moving, &moving.items, map, true);
+                let at = passes.steps.len() - 1;
+                passes.steps.insert(at, Step::Copy(*set, *layer));
+            }
+        }
+    }
 }

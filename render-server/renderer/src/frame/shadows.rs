@@ -3,14 +3,15 @@
 use super::FrameResources;
 use super::begun_frame::ShownView;
 use super::lamp_shadows::LampMaps;
-use super::map_sets::{MapOrders, MapSets, Subject, array_view, texture};
+use super::map_set::{Subject, array_view, texture};
+use super::map_sets::{MapOrders, MapSets};
 use super::sun_shadows::SunMaps;
 use crate::DrawError;
 use crate::bindings;
 use crate::gpu::Gpu;
 use crate::lamp_map::LampShadowRecord;
 use crate::pass::shadow::ShadowPass;
-use crate::scene::{Bounds, GpuScene};
+use crate::scene::GpuScene;
 use crate::shadow_cascades::MAP_SIDE;
 use crate::shadow_uniform::ShadowUniform;
 use crate::view::ViewDesc;
@@ -75,7 +76,8 @@ impl Shadows {
     pub fn prepare(&mut self, gpu: &Gpu, scene: &GpuScene) {
         self.pass.prepare(gpu, &scene.layout.keys);
         if has_shadows(scene) && self.none.is_none() {
-            self.none = Some(array_view(&texture(gpu, 1, 1)));
+            self.none =
+                Some(array_view(&texture(gpu, [1, 1], wgpu::TextureUsages::TEXTURE_BINDING)));
         }
     }
 
@@ -144,17 +146,18 @@ impl Shadows {
         }
         let subject = Subject::new(scene, view);
         let known = self.suns.extent_of(&subject).or_else(|| self.lamps.extent_of(&subject));
-        let extent: Bounds =
-            known.unwrap_or_else(|| scene.extent(scene.layout.tree.select(&view.subset)));
+        let part = scene.layout.tree.select(&view.subset);
+        let extent = known.unwrap_or_else(|| scene.extent(part).rounded_out());
         let of = (&subject, extent);
         let suns = SunMaps::new(scene, view, &extent).map(|suns| {
             let wanted = suns.by_layer();
-            let set = self.suns.find(gpu, of, (&wanted, MAP_SIDE), (index, sun_orders));
+            let wanted = (&wanted[..], MAP_SIDE);
+            let set = self.suns.find((gpu, scene), of, wanted, (index, view, sun_orders));
             (set, suns)
         });
         let lamps = LampMaps::new(scene, view, &extent).map(|lamps| {
             let wanted = (&lamps.maps[..], lamps.side);
-            let set = self.lamps.find(gpu, of, wanted, (index, lamp_orders));
+            let set = self.lamps.find((gpu, scene), of, wanted, (index, view, lamp_orders));
             let records = &mut self.lamps.get_mut(set).records;
             records.get_or_insert_with(|| record_buffer(gpu, &lamps.records));
             set

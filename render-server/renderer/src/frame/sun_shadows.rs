@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::map_sets::ShadowMap;
+use super::shadow_map::ShadowMap;
 use crate::scene::{Bounds, GpuScene};
 use crate::shadow_cascades::{CASCADES_MAX, Cascade};
 use crate::view::ViewDesc;

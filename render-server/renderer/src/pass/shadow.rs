@@ -152,17 +152,18 @@ impl ShadowPass {
     }
 }
 
-/// Begins the pass over a map.
+/// Begins the pass over a map, which keeps what it has or is cleared.
 pub(crate) fn begin<'encoder>(
     encoder: &'encoder mut wgpu::CommandEncoder,
     map: &wgpu::TextureView,
+    keeps: bool,
 ) -> wgpu::RenderPass<'encoder> {
     encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("shadow/pass"),
         depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
             view: map,
             depth_ops: Some(wgpu::Operations {
-                load: wgpu::LoadOp::Clear(0.0),
+                load: if keeps { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(0.0) },
                 store: wgpu::StoreOp::Store,
             }),
             stencil_ops: None,

@@ -240,6 +240,7 @@ impl SceneBuilder {
             ordered: triangle_order::ordered_batches(&layout, &geometries),
             layout,
             moved: None,
+            painted: Arc::default(),
             geometries,
             materials,
             lamp_indices,

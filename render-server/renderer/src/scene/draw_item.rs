@@ -10,6 +10,9 @@ pub(crate) struct Bounds {
     pub max: DVec3,
 }
 
+/// Steps of a grid on a length that is a power of two; see [`Bounds::rounded_out`].
+const ROUNDED_STEPS: f64 = 32.0;
+
 impl Bounds {
     /// Holds nothing; the neutral element of [`Self::union`].
     pub const EMPTY: Self =
@@ -32,6 +35,19 @@ impl Bounds {
     /// Half of the sides.
     pub fn half(&self) -> DVec3 {
         (self.max - self.min) * 0.5
+    }
+
+    /// The box whose sides stand on the steps of a grid, 32 to 64 on its longest side: while what
+    /// moves stays between two of them, it is the same. A function of this box alone.
+    pub fn rounded_out(self) -> Self {
+        let longest = (self.max - self.min).max_element();
+        // A power of two: the exponent alone is left.
+        let power = f64::from_bits(longest.to_bits() & (0x7ff << 52));
+        let step = power / ROUNDED_STEPS;
+        if !(step.is_normal() && self.min.is_finite() && self.max.is_finite()) {
+            return self;
+        }
+        Self { min: (self.min / step).floor() * step, max: (self.max / step).ceil() * step }
     }
 
     /// Square of the distance from a point to the nearest point of the box; 0 inside.

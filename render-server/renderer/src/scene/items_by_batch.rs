@@ -79,6 +79,11 @@ impl ItemsByBatch {
         all
     }
 
+    /// The items of a batch, as it was laid out, rising.
+    pub fn of_batch(&self, batch: usize) -> &[u32] {
+        &self.order[self.first[batch] as usize..self.first[batch + 1] as usize]
+    }
+
     fn chunk(&self, items: &[DrawItem], item: u32) -> u32 {
         let batch = items[item as usize].batch as usize;
         let within = (self.place[item as usize] - self.first[batch]) as usize / CHUNK_ITEMS;

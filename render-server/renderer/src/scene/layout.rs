@@ -64,6 +64,8 @@ pub struct SceneLayout {
     /// They stand behind the default material.
     pub(super) styled: Vec<StyledMaterial>,
     pub(crate) billboards: Vec<Billboard>,
+    /// Items that turn with a billboard, rising.
+    pub(super) turning: Vec<u32>,
     /// For each batch that a moving item may leave because it is turned inside out, the other.
     pub(super) twins: HashMap<u32, u32>,
 }
@@ -92,7 +94,6 @@ impl SceneLayout {
             return Err(SceneError::Description(fault));
         }
         let first_primitive = first_primitives(&desc);
-        let textures = Slots::new(desc.textures.iter().map(texture_name));
         let geometries = Slots::new(geometry_names(&desc));
         let world = draw_item::world_from_nodes(&desc.nodes);
         let mut lights = Lights::new(&desc, &world, traits);
@@ -135,10 +136,11 @@ impl SceneLayout {
         let (sky, mesh_boxes) = (desc.sky, draw_item::mesh_boxes(&desc));
         (desc.nodes, desc.lights) = (Vec::new(), Vec::new());
         Ok(Self {
+            turning: turning_items(&items, &stances),
             bvh: Bvh::new(&bounds, is_cancelled).ok_or(SceneError::Cancelled)?,
             tree,
+            textures: Slots::new(desc.textures.iter().map(texture_name)),
             desc,
-            textures,
             geometries,
             first_primitive,
             items,
@@ -159,6 +161,12 @@ impl SceneLayout {
             twins,
         })
     }
+}
+
+/// Items that turn with a billboard, rising.
+fn turning_items(items: &[DrawItem], stances: &[Stance]) -> Vec<u32> {
+    let is_turning = |item: &DrawItem| stances[item.stance as usize].billboard.is_some();
+    (0..).zip(items).filter(|(_, item)| is_turning(item)).map(|(index, _)| index).collect()
 }
 
 impl SceneLayout {

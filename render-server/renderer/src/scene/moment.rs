@@ -8,6 +8,7 @@ use polyptych_scene::deformation::Shape;
 use rayon::prelude::*;
 
 use super::moved_items::{BentBoxes, MovedItems, MovedNode};
+use super::moving_items::MovingItems;
 use super::{GpuScene, SceneError};
 use crate::gpu::Gpu;
 
@@ -35,7 +36,8 @@ impl GpuScene {
             SceneError::Description(reason.to_owned())
         };
         let moved = moved.ok_or_else(inside_out)?;
-        self.with_layout(gpu, Arc::clone(layout), Some(Arc::new(moved)))
+        let scene = self.with_layout(gpu, Arc::clone(layout), Some(Arc::new(moved)))?;
+        Ok(Self { painted: MovingItems::painted(layout, materials), ..scene })
     }
 
     /// Gives materials other values, in all styles that they are drawn in. Draws that were ordered

@@ -7,6 +7,7 @@
 
 use std::borrow::Cow;
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use glam::{DAffine3, Vec3};
 use polyptych_scene::{Instance, Light};
@@ -14,7 +15,6 @@ use polyptych_scene::{Instance, Light};
 use super::billboard::Billboard;
 use super::bvh::Bvh;
 use super::draw_item::{Bounds, DrawItem, PlacedMesh, Stance};
-use super::items_by_batch::ItemsByBatch;
 use super::lamp_grid::IN_CELLS;
 use super::layout::SceneLayout;
 use super::light::{LAMP_INDICES_MAX, MovedLights};
@@ -50,7 +50,7 @@ impl<'a> MovedNode<'a> {
 #[derive(Debug)]
 pub struct MovedItems {
     /// Those of the layout that are moved or hidden: a bit for each.
-    is_moved: Vec<u64>,
+    is_moved: Arc<[u64]>,
     /// Their indices in the layout, rising.
     indices: Vec<u32>,
     items: Vec<DrawItem>,
@@ -97,7 +97,7 @@ impl MovedItems {
         let place_of = |node: u32| find(node).map(|moved| moved.world_from_node);
         let billboards = layout.billboards.iter().map(|of| of.moved(place_of)).collect();
         let mut moved = Self {
-            is_moved: vec![0; layout.items.len().div_ceil(64)],
+            is_moved: vec![0; layout.items.len().div_ceil(64)].into(),
             indices: Vec::new(),
             items: Vec::new(),
             stances: Vec::new(),
@@ -116,9 +116,7 @@ impl MovedItems {
             }
         }
         moved.tree = Bvh::new(&moved.bounds, &|| false)?;
-        let by_batch = layout
-            .by_batch
-            .get_or_init(|| ItemsByBatch::new(&layout.items, &layout.bounds, layout.batches.len()));
+        let by_batch = layout.items_by_batch();
         let known = layout.batches.iter().map(|batch| batch.bounds);
         let bounds = |item: usize| match moved.slot(item as u32) {
             Some(slot) => moved.bounds[slot],
@@ -194,7 +192,7 @@ impl MovedItems {
 
     /// Takes an item out of the tree of the layout.
     fn take_out(&mut self, item: u32) {
-        self.is_moved[item as usize / 64] |= 1 << (item % 64);
+        Arc::make_mut(&mut self.is_moved)[item as usize / 64] |= 1 << (item % 64);
     }
 
     /// Start and count of the list of the lamps that reach a box. Where it is that of the item
@@ -237,6 +235,11 @@ impl MovedItems {
     /// Returns whether an item was moved or hidden.
     pub(super) fn holds(&self, item: u32) -> bool {
         self.is_moved[item as usize / 64] >> (item % 64) & 1 == 1
+    }
+
+    /// A bit for each item of the layout: 1 if it was moved or hidden.
+    pub(super) fn bits(&self) -> &Arc<[u64]> {
+        &self.is_moved
     }
 
     /// An item in its new place, with its stance and its box, if it was moved.
