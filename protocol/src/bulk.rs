@@ -27,7 +27,8 @@ pub enum BulkToManager {
 /// Messages of the manager over a server's bulk connection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum BulkToServer {
-    /// A piece of a blob; pieces come in order.
+    /// A piece of a blob, whose bytes are the next message: so they are copied by neither end.
+    /// Pieces come in order.
     Chunk(BlobChunk),
     /// It is not to be had, and why.
     Missing {
@@ -38,17 +39,15 @@ pub enum BulkToServer {
     },
 }
 
-/// At most [`polyptych_files::blob::CHUNK_BYTES_MAX`] bytes of a blob.
+/// The place of a piece of a blob: of at most [`polyptych_files::blob::CHUNK_BYTES_MAX`] bytes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BlobChunk {
     /// The blob.
     pub hash: BlobHash,
     /// Bytes of the whole blob.
     pub total: u64,
-    /// The offset of these bytes in the blob.
+    /// The offset of its bytes in the blob.
     pub offset: u64,
-    /// The bytes.
-    pub bytes: Bytes,
 }
 
 /// At most [`polyptych_files::blob::CHUNK_BYTES_MAX`] bytes of a picture: sRGB RGBA8, rows

@@ -86,13 +86,15 @@ async fn fetch(
             }
             BulkToServer::Chunk(chunk) => chunk,
         };
-        let is_next = chunk.hash == hash && chunk.offset == next && !chunk.bytes.is_empty();
-        next += chunk.bytes.len() as u64;
+        let bytes = frames.next().await.ok_or("the manager closed it")?;
+        let bytes = bytes.map_err(|error| error.to_string())?.freeze();
+        let is_next = chunk.hash == hash && chunk.offset == next && !bytes.is_empty();
+        next += bytes.len() as u64;
         if !is_next || next > chunk.total || chunk.total > BLOB_BYTES_MAX {
             return Err(format!("a piece of blob {hash} came out of order"));
         }
         let is_last = next == chunk.total;
-        let piece = Piece { total: chunk.total, bytes: chunk.bytes };
+        let piece = Piece { total: chunk.total, bytes };
         if let Err(TrySendError::Full(_)) = pieces.try_send(Ok(piece)) {
             return Err(format!("blob {hash} came in more than {PIECES_MAX} pieces"));
         }

@@ -5,7 +5,7 @@ use std::io;
 use std::sync::mpsc::sync_channel;
 
 use bytes::{Bytes, BytesMut};
-use polyptych_files::blob::{BlobHash, BlobStore, CHUNK_BYTES_MAX, PartialBlob};
+use polyptych_files::blob::{BlobHash, BlobHasher, BlobStore, CHUNK_BYTES_MAX, PartialBlob};
 
 use crate::blob_sources::{BlobOrder, wait};
 use crate::bulk::{BulkJob, PIECES_MAX};
@@ -60,13 +60,18 @@ enum Broken {
 /// A blob as far as it has come.
 struct Transfer {
     bytes: BytesMut,
+    /// Of these bytes: they are hashed as they come, while they are near and more come.
+    hasher: BlobHasher,
     partial: Option<PartialBlob>,
 }
 
 impl Transfer {
     fn new(begun: Option<(PartialBlob, Vec<u8>)>) -> Self {
         let (partial, bytes) = begun.unzip();
-        Self { bytes: bytes.unwrap_or_default().as_slice().into(), partial }
+        let bytes = bytes.unwrap_or_default();
+        let mut hasher = BlobHasher::default();
+        hasher.update(&bytes);
+        Self { bytes: bytes.as_slice().into(), hasher, partial }
     }
 
     /// Fetches what is missing, and checks the whole.
@@ -91,7 +96,10 @@ impl Transfer {
                 let opened = PartialBlob::open(cache, hash, true).unwrap_or_default();
                 self.partial = opened.map(|(partial, _)| partial);
             }
+            // All at once: growing would copy it again and again.
+            self.bytes.reserve((piece.total as usize).saturating_sub(self.bytes.len()));
             self.bytes.extend_from_slice(&piece.bytes);
+            self.hasher.update(&piece.bytes);
             if self.partial.as_mut().is_some_and(|file| file.append(&piece.bytes).is_err()) {
                 // The disk is full, or was taken away.
                 self.discard();
@@ -100,7 +108,7 @@ impl Transfer {
                 break;
             }
         }
-        if BlobHash::of(&self.bytes) == hash {
+        if self.hasher.finish() == hash {
             return Ok(());
         }
         let reason = format!("blob {hash} was damaged on its way or in the manager's store");

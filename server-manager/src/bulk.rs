@@ -3,7 +3,6 @@
 use std::collections::HashSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use bytes::Bytes;
 use futures_util::{SinkExt, StreamExt};
 use polyptych_core::SessionId;
 use polyptych_files::blob::{BlobHash, BlobReader, BlobStore};
@@ -12,6 +11,7 @@ use polyptych_protocol::handshake::{Proof, Welcome};
 use polyptych_protocol::handshake_io::{self, MessageStream};
 use polyptych_protocol::stream::Stream;
 use polyptych_tls::NodeIdentity;
+use tokio::io::AsyncWriteExt;
 use tokio::sync::{mpsc, oneshot};
 
 use crate::session::Event;
@@ -112,7 +112,7 @@ async fn converse(
 }
 
 /// Sends a blob from an offset on piece by piece, or the reason why it does not come. However slow
-/// the link is, one piece of it is held here.
+/// the link is, two pieces of it are held here: one is read while the other is sent.
 async fn send_blob(
     frames: &mut MessageStream<Stream>,
     (hash, offset): (BlobHash, u64),
@@ -125,16 +125,20 @@ async fn send_blob(
     } else {
         Err("it belongs to no wall or scene that this server was sent".to_owned())
     };
+    let mut room = Vec::new();
     loop {
         match next {
-            Ok(Some((reader, offset, bytes))) => {
-                let chunk = BlobChunk { hash, total: reader.total(), offset, bytes };
-                let message = polyptych_codec::encode(&BulkToServer::Chunk(chunk));
-                traffic.bulk_sent(message.len());
-                frames.send(message).await?;
-                next = off_thread(move || go_on(reader)).await;
+            Ok(Some(Piece { reader, messages })) => {
+                traffic.bulk_sent(messages.len());
+                // All that was sent before is out of the stream's own buffer.
+                let (sent, read) = tokio::join!(
+                    frames.get_mut().write_all(&messages),
+                    off_thread(move || go_on(reader, room))
+                );
+                sent?;
+                (next, room) = (read, messages);
             }
-            Ok(None) => return Ok(()),
+            Ok(None) => return frames.get_mut().flush().await,
             Err(reason) => {
                 return frames
                     .send(polyptych_codec::encode(&BulkToServer::Missing { hash, reason }))
@@ -144,8 +148,12 @@ async fn send_blob(
     }
 }
 
-/// An open blob and the piece that was read of it last.
-type Piece = (BlobReader, u64, Bytes);
+/// An open blob, and the piece that was read of it last.
+struct Piece {
+    reader: BlobReader,
+    /// Its place and its bytes, as they go over the wire.
+    messages: Vec<u8>,
+}
 
 /// Reads and hashes away from the core's thread, which neither a disk nor a hash may hold.
 async fn off_thread(
@@ -163,13 +171,25 @@ fn begin(folder: &BlobStore, hash: BlobHash, offset: u64) -> Result<Option<Piece
     if offset > 0 && (reader.position() != offset || offset == reader.total()) {
         return Err(format!("of its {} bytes none begin at {offset}", reader.total()));
     }
-    match go_on(reader)? {
+    match go_on(reader, Vec::new())? {
         None => Err("it is empty, which no blob is".to_owned()),
         piece => Ok(piece),
     }
 }
 
-fn go_on(mut reader: BlobReader) -> Result<Option<Piece>, String> {
-    let piece = reader.next_piece().map_err(|error| error.to_string())?;
-    Ok(piece.map(|(offset, bytes)| (reader, offset, bytes)))
+/// Reads the next piece into the room of one that was sent.
+fn go_on(mut reader: BlobReader, mut room: Vec<u8>) -> Result<Option<Piece>, String> {
+    let length = reader.next_length();
+    if length == 0 {
+        return Ok(None);
+    }
+    let (hash, total, offset) = (reader.hash(), reader.total(), reader.position());
+    let chunk = BulkToServer::Chunk(BlobChunk { hash, total, offset });
+    let head = polyptych_codec::framed(&polyptych_codec::encode(&chunk));
+    let [head_end, start] = [head.len(), head.len() + size_of::<u32>()];
+    room.resize(start + length, 0);
+    room[..head_end].copy_from_slice(&head);
+    room[head_end..start].copy_from_slice(&(length as u32).to_le_bytes());
+    reader.read_piece(&mut room[start..]).map_err(|error| error.to_string())?;
+    Ok(Some(Piece { reader, messages: room }))
 }

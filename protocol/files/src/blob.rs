@@ -8,7 +8,7 @@ mod store_url;
 mod temporary;
 
 pub use blob_store::{BlobError, BlobStore};
-pub use hash::BlobHash;
+pub use hash::{BlobHash, BlobHasher};
 pub use partial_blob::PartialBlob;
 pub use reader::BlobReader;
 pub use store_url::{StoreScheme, StoreUrl, StoreUrlError};

@@ -584,7 +584,7 @@ fn bulk_ups() -> Vec<BulkToManager> {
 
 fn bulk_downs() -> Vec<BulkToServer> {
     let hash = BlobHash([1; 32]);
-    let chunk = BlobChunk { hash, total: 256, offset: 0, bytes: Bytes::from_static(&[9; 256]) };
+    let chunk = BlobChunk { hash, total: 256, offset: 0 };
     vec![BulkToServer::Chunk(chunk), BulkToServer::Missing { hash, reason: "lost".into() }]
 }
 

@@ -6,9 +6,9 @@ use std::path::PathBuf;
 
 use bytes::Bytes;
 
-use super::BlobHash;
 use super::CHUNK_BYTES_MAX;
 use super::blob_store::BlobError;
+use super::{BlobHash, BlobHasher};
 
 /// An open blob, hashed as it is read.
 #[derive(Debug)]
@@ -18,12 +18,12 @@ pub struct BlobReader {
     hash: BlobHash,
     total: u64,
     read: u64,
-    hasher: blake3::Hasher,
+    hasher: BlobHasher,
 }
 
 impl BlobReader {
     pub(super) fn new(path: PathBuf, file: File, hash: BlobHash, total: u64) -> Self {
-        Self { path, file, hash, total, read: 0, hasher: blake3::Hasher::new() }
+        Self { path, file, hash, total, read: 0, hasher: BlobHasher::default() }
     }
 
     /// Its name.
@@ -51,30 +51,43 @@ impl BlobReader {
         self.read
     }
 
-    /// The next piece, of at most [`CHUNK_BYTES_MAX`] bytes, and its offset; `None` at the end.
+    /// Returns the bytes of the next piece, at most [`CHUNK_BYTES_MAX`]; 0 at the end.
+    pub fn next_length(&self) -> usize {
+        (self.total - self.read).min(CHUNK_BYTES_MAX as u64) as usize
+    }
+
+    /// The next piece, of [`Self::next_length`] bytes, and its offset; `None` at the end.
     ///
     /// The last piece is only given where all of them together hash to the blob's name.
     ///
     /// # Errors
     /// [`BlobError`] where the file can't be read or was damaged; a damaged one is removed.
     pub fn next_piece(&mut self) -> Result<Option<(u64, Bytes)>, BlobError> {
-        let offset = self.read;
-        let length = (self.total - offset).min(CHUNK_BYTES_MAX as u64);
+        let (offset, length) = (self.read, self.next_length());
         // An empty blob has no piece, as on the wire.
         if length == 0 {
             return Ok(None);
         }
-        let mut bytes = vec![0; length as usize];
-        let read = self.file.read_exact(&mut bytes);
+        let mut bytes = vec![0; length];
+        self.read_piece(&mut bytes)?;
+        Ok(Some((offset, Bytes::from(bytes))))
+    }
+
+    /// Reads the next piece into room of [`Self::next_length`] bytes; see [`Self::next_piece`].
+    ///
+    /// # Errors
+    /// [`BlobError`] as of [`Self::next_piece`].
+    pub fn read_piece(&mut self, room: &mut [u8]) -> Result<(), BlobError> {
+        let read = self.file.read_exact(room);
         read.map_err(|source| BlobError::Io { path: self.path.clone(), source })?;
-        self.hasher.update(&bytes);
-        self.read += length;
-        if self.read == self.total && BlobHash(*self.hasher.finalize().as_bytes()) != self.hash {
+        self.hasher.update(room);
+        self.read += room.len() as u64;
+        if self.read == self.total && self.hasher.finish() != self.hash {
             // Found again it would be sent again, and refused again.
             drop(fs::remove_file(&self.path));
             return Err(BlobError::Damaged { path: self.path.clone() });
         }
-        Ok(Some((offset, Bytes::from(bytes))))
+        Ok(())
     }
 }
 
