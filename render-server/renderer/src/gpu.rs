@@ -2,10 +2,14 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use tracing::{info, warn};
 
 use crate::gpu_choice::{AdapterInfo, choose};
+
+/// Maximum time for which the GPU is waited for; one that takes longer is taken for one that hangs.
+pub(crate) const GPU_WAIT_MAX: Duration = Duration::from_secs(30);
 
 /// Why no GPU could be opened.
 #[derive(Debug, thiserror::Error)]
@@ -179,6 +183,43 @@ impl Gpu {
         // A device that hangs is not told to do anything more.
         if kind != GpuFaultKind::Hangs {
             self.device.destroy();
+        }
+    }
+
+    /// Waits until the GPU has done this submission, or all that it was given if `submission` is
+    /// `None`. A GPU that takes more than 30 s is given up as one that hangs; one that has a fault
+    /// already is not waited for.
+    ///
+    /// # Errors
+    /// The device is lost, hangs, or is out of memory.
+    pub fn wait(&self, submission: Option<wgpu::SubmissionIndex>) -> Result<(), GpuFault> {
+        self.wait_at_most(submission, GPU_WAIT_MAX)
+    }
+
+    /// Waits as [`Self::wait`] does, for another time.
+    pub(crate) fn wait_at_most(
+        &self,
+        submission: Option<wgpu::SubmissionIndex>,
+        limit: Duration,
+    ) -> Result<(), GpuFault> {
+        // A device that hangs is waited for once, and not again for each target.
+        if let Some(fault) = self.first_fault() {
+            return Err(fault);
+        }
+        let wait = wgpu::PollType::Wait { submission_index: submission, timeout: Some(limit) };
+        let waited = self.device.poll(wait);
+        if matches!(waited, Err(wgpu::PollError::Timeout)) {
+            // One that is only busy ends within this time, and its channel is late.
+            let seconds = limit.as_secs_f64();
+            let reason = format!("the GPU or its driver hangs: no frame within {seconds} s");
+            self.give_up(GpuFaultKind::Hangs, &reason);
+        }
+        match (self.first_fault(), waited) {
+            (Some(fault), _) => Err(fault),
+            (None, Err(error)) => {
+                Err(GpuFault { kind: GpuFaultKind::Lost, reason: error.to_string() })
+            }
+            (None, Ok(_)) => Ok(()),
         }
     }
 

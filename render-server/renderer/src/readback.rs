@@ -1,6 +1,6 @@
 //! Pictures back from the GPU.
 
-use super::gpu::Gpu;
+use super::gpu::{GPU_WAIT_MAX, Gpu};
 use super::output_texture::{ImageEncoding, OutputTexture};
 use super::target::Target;
 
@@ -13,7 +13,7 @@ pub struct ReadError(String);
 /// padding.
 ///
 /// # Errors
-/// The GPU is lost or out of memory.
+/// The GPU is lost, hangs, or is out of memory.
 pub fn read_pixels(gpu: &Gpu, target: &Target) -> Result<Vec<u8>, ReadError> {
     read_picture(gpu, target.picture())
 }
@@ -21,7 +21,7 @@ pub fn read_pixels(gpu: &Gpu, target: &Target) -> Result<Vec<u8>, ReadError> {
 /// Reads any picture as [`read_pixels`] does; codes of ten bits are rounded to eight.
 ///
 /// # Errors
-/// The GPU is lost or out of memory.
+/// The GPU is lost, hangs, or is out of memory.
 pub fn read_picture(gpu: &Gpu, picture: &OutputTexture) -> Result<Vec<u8>, ReadError> {
     let mut pixels = read_raw(gpu, picture)?;
     if picture.content() == ImageEncoding::FineCodes {
@@ -37,6 +37,10 @@ pub(crate) fn read_raw(gpu: &Gpu, picture: &OutputTexture) -> Result<Vec<u8>, Re
 
 /// The bytes of a texture of one level, rows from the top, without padding.
 pub(crate) fn read_texture(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Vec<u8>, ReadError> {
+    // Nothing more is asked of a GPU that is lost or hangs.
+    if let Some(reason) = gpu.take_error() {
+        return Err(ReadError(reason));
+    }
     let descriptor = wgpu::CommandEncoderDescriptor { label: Some("readback") };
     let mut encoder = gpu.device.create_command_encoder(&descriptor);
     let copy = TextureCopy::encode(gpu, &mut encoder, texture);
@@ -81,8 +85,11 @@ impl TextureCopy {
         Self { buffer, row_bytes, padded }
     }
 
-    /// Waits for the copy, which was submitted so, or for all that was submitted; the bytes of its
-    /// rows from the top, without padding.
+    /// Waits for the copy, which was submitted so, or for all that was submitted. Returns the bytes
+    /// of its rows from the top, without padding.
+    ///
+    /// # Errors
+    /// The GPU is lost, hangs, or is out of memory.
     pub fn read(
         &self,
         gpu: &Gpu,
@@ -96,9 +103,8 @@ impl TextureCopy {
         let failed = |reason: &dyn std::fmt::Display| {
             ReadError(gpu.take_error().unwrap_or_else(|| reason.to_string()))
         };
-        let wait = wgpu::PollType::Wait { submission_index: submission, timeout: None };
-        gpu.device.poll(wait).map_err(|error| failed(&error))?;
-        let mapped = receiver.recv().map_err(|error| failed(&error))?;
+        gpu.wait(submission).map_err(|fault| ReadError(fault.reason))?;
+        let mapped = receiver.recv_timeout(GPU_WAIT_MAX).map_err(|error| failed(&error))?;
         mapped.map_err(|error| failed(&error))?;
         let view = self.buffer.get_mapped_range(..).map_err(|error| failed(&error))?;
         let rows = view.chunks_exact(self.padded);

@@ -81,8 +81,7 @@ impl RenderThread {
         let target = output.ensure_target(&self.gpu, size, (wall.samples, is_linear))?;
         target.copy_from(&self.gpu, &drawn.picture);
         self.patterns.insert(channel.name.clone(), drawn);
-        let waited = self.gpu.device.poll(wgpu::PollType::wait_indefinitely());
-        waited.map_err(|error| self.gpu.take_error().unwrap_or_else(|| error.to_string()))?;
+        self.gpu.wait(None).map_err(|fault| fault.reason)?;
         Ok(DrawStats::default())
     }
 }

@@ -95,11 +95,11 @@ impl RenderThread {
         if fault.kind == GpuFaultKind::Hangs {
             // To drop what is on a device waits for the device.
             std::mem::forget(std::mem::take(&mut self.states));
-            std::mem::forget(self.building.take());
+            std::mem::forget((self.building.take(), self.moment.take()));
             std::mem::forget(std::mem::take(&mut self.patterns));
         }
         self.states.clear();
-        (self.building, self.relayout) = (None, None);
+        (self.building, self.relayout, self.moment) = (None, None, None);
         self.patterns.clear();
         let Some(gpu) = self.reopen(begun)? else { return Ok(()) };
         let renderer = self.drawing.renderer(&gpu, self.renderer.samples())?;

@@ -1,13 +1,10 @@
 //! Work that the GPU was given.
 
 use std::sync::{Arc, OnceLock};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use crate::DrawError;
-use crate::gpu::{Gpu, GpuFaultKind};
-
-/// A frame that takes longer is taken for a GPU that hangs.
-const GPU_WAIT_MAX: Duration = Duration::from_secs(30);
+use crate::gpu::Gpu;
 
 /// Work that the GPU was given, and that is to be waited for.
 ///
@@ -50,24 +47,7 @@ impl Submission {
     /// # Errors
     /// The device is lost, hangs, or is out of memory.
     pub(crate) fn wait(&self, gpu: &Gpu) -> Result<Instant, DrawError> {
-        // A device that hangs is waited for once, and not again for each target.
-        if let Some(fault) = gpu.take_error() {
-            return Err(DrawError::Gpu(fault));
-        }
-        let waited = gpu.device.poll(wgpu::PollType::Wait {
-            submission_index: Some(self.index()),
-            timeout: Some(GPU_WAIT_MAX),
-        });
-        if matches!(waited, Err(wgpu::PollError::Timeout)) {
-            // One that is only busy ends within this time, and its channel is late.
-            let seconds = GPU_WAIT_MAX.as_secs();
-            let reason = format!("the GPU or its driver hangs: no frame within {seconds} s");
-            gpu.give_up(GpuFaultKind::Hangs, &reason);
-        }
-        match (gpu.take_error(), waited) {
-            (Some(fault), _) => Err(DrawError::Gpu(fault)),
-            (None, Err(error)) => Err(DrawError::Gpu(error.to_string())),
-            (None, Ok(_)) => Ok(self.done.get().copied().unwrap_or_else(Instant::now)),
-        }
+        gpu.wait(Some(self.index())).map_err(|fault| DrawError::Gpu(fault.reason))?;
+        Ok(self.done.get().copied().unwrap_or_else(Instant::now))
     }
 }
