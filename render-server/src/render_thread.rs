@@ -145,7 +145,8 @@ pub(crate) struct RenderThread {
     /// The layout of the latest scene in the state that is finished next.
     relayout: Option<(Arc<SceneLayout>, Option<Arc<MovedItems>>)>,
     showing: PresentationState,
-    /// The frame that was drawn last, if it is to be metered.
+    /// The last frame that was drawn and is to be metered, until it is shown; ordinary ones may
+    /// have been drawn since.
     to_meter: Option<Box<Frame>>,
     /// The test patterns of channels, by their names, while there are any.
     patterns: BTreeMap<String, PatternImage>,
@@ -302,7 +303,7 @@ impl RenderThread {
                     std::hint::spin_loop();
                 }
                 self.show((epoch, frame), display, is_unscheduled);
-                self.meter();
+                self.meter((epoch, frame));
             }
         }
     }

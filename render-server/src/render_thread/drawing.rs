@@ -114,7 +114,10 @@ impl RenderThread {
                 Err(reason) => is_drawn = failed(self, id, reason),
             }
         }
-        self.to_meter = (frame.is_metered && is_drawn).then(|| Box::new(frame.clone()));
+        // An ordinary frame may be drawn before a metered one is shown, which it leaves in place.
+        if frame.is_metered && is_drawn {
+            self.to_meter = Some(Box::new(frame.clone()));
+        }
         let now = self.manager_us();
         if is_drawn && let Some(act) = self.playback.frame_drawn(frame, began.elapsed(), now) {
             self.perform(act);

@@ -9,6 +9,7 @@ use polyptych_renderer::{GpuScene, ViewDesc};
 use polyptych_wall::{ChannelId, Wall};
 
 use super::{Correctors, RenderThread};
+use crate::frame_scheduler::FrameKey;
 use crate::frame_views;
 use crate::render_event;
 
@@ -16,10 +17,13 @@ use crate::render_event;
 const PIXELS_PER_SAMPLE: u32 = 16;
 
 impl RenderThread {
-    /// Meters the frame that was drawn last, if it is to be metered: it is shown now, and the time
-    /// until the next one is free. One that another state has replaced is not metered.
-    pub(super) fn meter(&mut self) {
-        let Some(frame) = self.to_meter.take() else { return };
+    /// Meters the frame that is to be metered, if it is this one, which is shown now, or an earlier
+    /// one: the time until the next one is free. One that another state has replaced is not
+    /// metered.
+    pub(super) fn meter(&mut self, (epoch, shown): FrameKey) {
+        // Another one may have been drawn ahead of its turn meanwhile.
+        let is_due = |frame: &mut Box<Frame>| frame.epoch != epoch || frame.frame <= shown;
+        let Some(frame) = self.to_meter.take_if(is_due) else { return };
         let is_its = |epoch, revision| (epoch, revision) == (frame.epoch, frame.revision);
         let drawable = self.states.front();
         let Some(drawable) =

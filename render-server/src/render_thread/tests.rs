@@ -1,5 +1,6 @@
 //! The content of displays, from commands to pixels: without windows or sockets.
 
+mod metering;
 mod resolution;
 
 use std::sync::mpsc::sync_channel;
@@ -35,6 +36,8 @@ struct RenderThreadFixture {
     thread: RenderThread,
     reports: mpsc::Receiver<RenderEvent>,
     frame: u64,
+    /// The frames that it is told to draw are metered.
+    is_metered: bool,
     // A thread whose queues have no sender ends.
     _senders: (Sender<RenderTask>, Sender<Upload>),
 }
@@ -85,6 +88,7 @@ impl RenderThreadFixture {
             thread: thread.expect("a renderer"),
             reports,
             frame: 0,
+            is_metered: false,
             _senders: (jobs, uploads),
         };
         stage.prepare(wall());
@@ -143,7 +147,7 @@ impl RenderThreadFixture {
             capture: true,
             detail: DetailBound::default(),
             clips: Vec::new(),
-            is_metered: false,
+            is_metered: self.is_metered,
         };
         self.thread.handle(RenderTask::Frame(Box::new(frame)));
         self.turn();
