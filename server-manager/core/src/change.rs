@@ -273,6 +273,7 @@ impl Cluster {
     /// holds more than one that was refused, is given it anew: servers keep few states.
     pub(super) fn stay(&mut self, now: Micros, refused: Revision) {
         self.changes.refused = Some(refused);
+        self.retry_temporary_end(now);
         let shown = self.shown.revision;
         let holders = self.registry.servers().filter(|(_, s)| s.prepared == Some(refused));
         let holders: Vec<_> = holders.map(|(id, server)| (id, server.channels.clone())).collect();

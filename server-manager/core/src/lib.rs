@@ -402,6 +402,7 @@ impl Cluster {
         self.expire_change(now);
         self.remember_navigation(now);
         self.meter_at_last(now);
+        self.end_temporary_at_last(now);
         self.update_rest(now);
         self.advance_frame(now);
     }
@@ -423,6 +424,7 @@ impl Cluster {
             self.changes.next_expiry(),
             self.navigator.remember_at,
             self.next_metering(),
+            self.next_temporary_end(),
             self.next_rest(),
         ]
         .into_iter()

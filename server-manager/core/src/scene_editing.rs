@@ -2,6 +2,7 @@
 //! and seen from one frame on, or not at all.
 
 mod subset;
+mod temporary;
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -16,6 +17,7 @@ use polyptych_protocol::transaction::{
 };
 use polyptych_scene::{AssetSet, Edit, NodeId, SceneEdits, SceneOutline, provisional_asset_index};
 use serde::{Deserialize, Serialize};
+use temporary::TemporaryNodes;
 
 use super::change_queue::ChangeOrigin;
 use super::{ClientRequest, Cluster, Micros, SessionId, StateChange};
@@ -87,7 +89,7 @@ pub(super) struct SceneEditing {
     /// Those whose transaction is in the state that frames name.
     waiters: Vec<(Revision, EditWaiter)>,
     /// Nodes that end with a client's connection.
-    temporary: BTreeMap<SessionId, Vec<NodeId>>,
+    temporary: TemporaryNodes,
 }
 
 impl SceneEditing {
@@ -109,7 +111,7 @@ impl SceneEditing {
 
     /// The nodes that end with a client's connection.
     pub fn temporary(&self) -> Vec<NodeId> {
-        self.temporary.values().flatten().copied().collect()
+        self.temporary.nodes().collect()
     }
 
     /// Goes on with what was remembered.
@@ -375,7 +377,7 @@ impl Cluster {
         let notes = transaction.assets.as_mut().map(NewAssets::take_notes).unwrap_or_default();
         let Accepted { edits, created, assets } = self.editing.accept(transaction)?;
         if is_temporary && !created.is_empty() {
-            self.editing.temporary.entry(job.client).or_default().extend(&created);
+            self.editing.temporary.add(job.client, &created);
         }
         let waiter = EditWaiter { job, asked_at: self.frame, created, assets, notes };
         self.request_edits(now, edits, Some(waiter));
@@ -387,47 +389,6 @@ impl Cluster {
             let purpose = ChangeOrigin::Edit { waiters: waiter.into_iter().collect() };
             let operations = vec![Operation::EditScene(edits.into())];
             self.request_change(now, StateChange { operations, purpose });
-        }
-    }
-
-    /// Takes the nodes away that ended with their clients' connections, where the scene can be
-    /// edited now; else it is tried again behind the next change.
-    pub(super) fn end_temporary(&mut self, now: Micros) {
-        let editing = &mut self.editing;
-        if editing.temporary.keys().all(|client| self.clients.contains_key(client))
-            || self.changes.has_scene_underway()
-            || self.changes.expect_room().is_err()
-        {
-            return;
-        }
-        let is_gone = |client: &SessionId, _: &mut Vec<NodeId>| !self.clients.contains_key(client);
-        let gone: Vec<NodeId> =
-            editing.temporary.extract_if(.., is_gone).flat_map(|(_, nodes)| nodes).collect();
-        let mut edits = Vec::new();
-        let mut remove = |accepted: &mut SceneEdits, node: NodeId| {
-            // Somebody may have taken it away before.
-            if accepted.node(node).is_some() {
-                accepted.apply(Edit::Remove(node));
-                edits.push(Edit::Remove(node));
-            }
-        };
-        for node in gone {
-            remove(&mut editing.accepted, node);
-        }
-        if let Some(outline) = &editing.outline {
-            for node in outline.orphans(&editing.accepted) {
-                remove(&mut editing.accepted, node);
-            }
-        }
-        for manifest in editing.accepted.unused_assets() {
-            editing.accepted.apply(Edit::RemoveAssets(manifest));
-            edits.push(Edit::RemoveAssets(manifest));
-        }
-        for target in edits.iter().filter_map(Target::of) {
-            editing.changed.insert(target, None);
-        }
-        if !edits.is_empty() {
-            self.request_edits(now, edits, None);
         }
     }
 
@@ -461,6 +422,7 @@ impl Cluster {
         self.editing.waiters.extend(waiters);
         self.wants_frame |= !self.pacer.is_soon(now);
         self.demote_unprepared(now, failed);
+        self.forget_ended_nodes();
         self.persist();
         tracing::debug!(revision = revision.0, "the scene is edited");
     }

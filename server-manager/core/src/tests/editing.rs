@@ -283,6 +283,34 @@ fn what_is_temporary_ends_with_its_client_and_with_the_manager() {
     assert_eq!(replica.digest(), stage.cluster.shown_digest);
 }
 
+#[test]
+fn temporary_nodes_end_with_their_client_though_servers_refuse_at_first() {
+    const GUEST: SessionId = SessionId(700);
+    let mut stage = ClusterFixture::with_house(1);
+    stage.cluster.handle_client(GUEST, "guest".into());
+    let mut pointer = Transaction::temporary();
+    pointer.create(NewNode::default());
+    stage.cluster.handle_request(stage.now, GUEST, RequestId(1), Request::Edit(pointer));
+    stage.read();
+    stage.prepare_all();
+    let left = |stage: &ClusterFixture| stage.cluster.shown.edits.nodes().count();
+    assert_eq!(left(&stage), 1);
+    stage.cluster.handle_client_gone(stage.now, GUEST);
+    stage.read();
+    for _ in 0..3 {
+        let (epoch, reason) = (Epoch(7), "no room".to_owned());
+        let revision = stage.cluster.changes.revision().expect("it is to go");
+        stage.say(SessionId(0), ServerMessage::PrepareFailed { epoch, revision, reason });
+        assert_eq!((left(&stage), stage.cluster.changes.revision()), (1, None));
+        assert_eq!(stage.cluster.persistent_state().temporary, [NodeId(3)]);
+        stage.wait(1_000_000);
+    }
+    stage.prepare_all();
+    assert_eq!(left(&stage), 0);
+    assert!(stage.memories.last().expect("remembered").temporary.is_empty());
+    assert_eq!(stage.cluster.next_temporary_end(), None);
+}
+
 /// A transaction that shows the last of so many meshes that it brings.
 fn bringing(manifest: u8, meshes: u32) -> Transaction {
     let assets = BakedAssets {
