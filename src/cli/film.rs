@@ -6,6 +6,7 @@
 //! ```
 
 mod film_output;
+mod interruption;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -13,6 +14,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use film_output::FilmOutput;
+use interruption::Interruption;
 use polyptych_client::blocking::Client;
 use polyptych_client::{Capture, ClientError, ReconnectPolicy};
 use polyptych_text::{counted, printable};
@@ -20,7 +22,7 @@ use serde::Serialize;
 
 use super::progress::ProgressReport;
 use super::remote::{numbers, positive};
-use super::seen::await_displays;
+use super::seen::await_displays_unless;
 use super::{ManagerAddress, say};
 
 /// Maximum number of frames: their numbers have six digits, and ten hours at 27 a second are more
@@ -97,12 +99,16 @@ trait FilmSource {
 
     /// Waits until manager and channels of the wall are back, and no longer than this.
     fn await_channels(&mut self, limit: Duration) -> anyhow::Result<()>;
+
+    /// Returns whether the film is to end before its last frame.
+    fn is_interrupted(&self) -> bool;
 }
 
 /// A running wall.
 struct WallSource<'a> {
     client: &'a Client,
     progress: &'a ProgressReport,
+    interruption: &'a Interruption,
 }
 
 impl FilmSource for WallSource<'_> {
@@ -111,11 +117,16 @@ impl FilmSource for WallSource<'_> {
     }
 
     fn await_channels(&mut self, limit: Duration) -> anyhow::Result<()> {
-        match await_displays(self.client, Some(limit), self.progress) {
+        let is_over = || self.interruption.is_asked();
+        match await_displays_unless(self.client, Some(limit), self.progress, is_over) {
             // The next try says so, or goes through.
             Err(error) if error.downcast_ref().is_some_and(is_lost) => Ok(()),
             ended => ended,
         }
+    }
+
+    fn is_interrupted(&self) -> bool {
+        self.interruption.is_asked()
     }
 }
 
@@ -139,12 +150,14 @@ pub(super) fn film(arguments: &FilmArguments) -> anyhow::Result<ExitCode> {
         from_s,
         redrawn: Vec::new(),
     };
+    let interruption = Interruption::watch(client.clone(), tour.pace)?;
     // Frames of the wall's own pace would show other times between those of the film.
     if tour.pace.is_some() {
         client.pause()?;
     }
     let progress = ProgressReport::start();
-    let mut source = WallSource { client: &client, progress: &progress };
+    let mut source =
+        WallSource { client: &client, progress: &progress, interruption: &interruption };
     let filmed = all_frames(&mut source, &mut output, &mut report, &progress);
     drop(progress);
     // What was written stays valid, however the film ended.
@@ -167,6 +180,9 @@ fn all_frames(
     progress: &ProgressReport,
 ) -> anyhow::Result<()> {
     for frame in 0..report.frames {
+        if source.is_interrupted() {
+            bail!("interrupted after {} of {}", report.written, counted(report.frames, "frame"));
+        }
         let done = u64::from(frame) * 100 / u64::from(report.frames);
         progress.say(&format!("frame {frame} of {}", report.frames), u8::try_from(done).ok());
         let time_s = report.from_s + f64::from(frame) / report.fps;
@@ -215,6 +231,9 @@ fn whole_frame(
             }
             Err(error) => return Err(error).with_context(|| format!("frame {frame}")),
         }
+        if source.is_interrupted() {
+            break;
+        }
         let waited = began.get_or_insert_with(Instant::now).elapsed();
         let Some(rest) = RETURN_TIME_MAX.checked_sub(waited) else { break };
         source.await_channels(rest)?;
@@ -256,12 +275,15 @@ mod tests {
     use super::*;
 
     /// A wall on which a channel is missing in these captures.
+    #[derive(Default)]
     struct Script {
         captures: u32,
         missing: Vec<u32>,
         /// Captures during which the manager goes.
         lost: Vec<u32>,
         waits: u32,
+        /// The capture during which the film is interrupted; 0 if it is not.
+        interrupted: u32,
     }
 
     impl FilmSource for Script {
@@ -286,11 +308,15 @@ mod tests {
             self.waits += 1;
             Ok(())
         }
+
+        fn is_interrupted(&self) -> bool {
+            self.interrupted != 0 && self.captures >= self.interrupted
+        }
     }
 
     #[test]
     fn a_frame_without_a_channel_is_captured_again_and_told() {
-        let mut script = Script { captures: 0, missing: vec![2, 4], lost: vec![3], waits: 0 };
+        let mut script = Script { missing: vec![2, 4], lost: vec![3], ..Script::default() };
         let mut redrawn = Vec::new();
         for frame in 0..3 {
             let time_s = f64::from(frame) * 0.5;
@@ -310,15 +336,39 @@ mod tests {
     #[test]
     fn a_channel_that_stays_away_ends_the_film() {
         let (missing, lost) = ((1..100).collect(), Vec::new());
-        let mut script = Script { captures: 0, missing, lost, waits: 0 };
+        let mut script = Script { missing, lost, ..Script::default() };
         let error = whole_frame(&mut script, 7, 0.0, &mut Vec::new()).expect_err("not whole");
         assert!(
             error.to_string().starts_with("frame 7 has no picture of channel left: it is lost")
         );
         assert_eq!((script.captures, script.waits), (TRIES_MAX, TRIES_MAX));
         let (missing, lost) = (Vec::new(), (1..100).collect());
-        let mut script = Script { captures: 0, missing, lost, waits: 0 };
+        let mut script = Script { missing, lost, ..Script::default() };
         let error = whole_frame(&mut script, 7, 0.0, &mut Vec::new()).expect_err("not whole");
         assert!(error.to_string().starts_with("frame 7: the connection to the manager at here"));
+    }
+
+    #[test]
+    fn an_interrupted_film_ends_with_a_whole_frame_and_waits_for_no_channel() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (frames, fps, out) = (100, 10.0, folder.path().display().to_string());
+        let begun = || {
+            let output = FilmOutput::new(folder.path(), fps).expect("a folder");
+            let (written, from_s, redrawn, out) = (0, 0.0, Vec::new(), out.clone());
+            (output, FilmReport { out, frames, written, fps, from_s, redrawn })
+        };
+        let (mut output, mut report) = begun();
+        let mut script = Script { interrupted: 3, ..Script::default() };
+        let silent = ProgressReport::Silent;
+        let ended = all_frames(&mut script, &mut output, &mut report, &silent);
+        assert_eq!(ended.expect_err("not whole").to_string(), "interrupted after 3 of 100 frames");
+        assert_eq!((script.captures, report.written), (3, 3));
+
+        let (mut output, mut report) = begun();
+        let missing = (1..100).collect();
+        let mut script = Script { interrupted: 1, missing, ..Script::default() };
+        let ended = all_frames(&mut script, &mut output, &mut report, &silent);
+        assert!(ended.expect_err("not whole").to_string().contains("channel left: it is lost"));
+        assert_eq!((script.captures, script.waits, report.written), (1, 0, 0));
     }
 }

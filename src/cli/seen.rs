@@ -204,6 +204,19 @@ pub(super) fn await_displays(
     wait: Option<Duration>,
     progress: &ProgressReport,
 ) -> anyhow::Result<()> {
+    await_displays_unless(client, wait, progress, || false)
+}
+
+/// Waits as [`await_displays`] does, and no longer than until `is_over` says so.
+///
+/// # Errors
+/// The manager does not answer any more.
+pub(super) fn await_displays_unless(
+    client: &Client,
+    wait: Option<Duration>,
+    progress: &ProgressReport,
+    is_over: impl Fn() -> bool,
+) -> anyhow::Result<()> {
     let began = Instant::now();
     let arrival_ms = wait.unwrap_or(ARRIVAL_TIME_MAX).as_millis();
     let may_get_ready = |channel: &&ChannelStatus| match channel.state {
@@ -213,7 +226,7 @@ pub(super) fn await_displays(
         ChannelState::Lost => wait.is_some() || u128::from(channel.since_ms) < arrival_ms,
         ChannelState::Ready | ChannelState::Live | ChannelState::Late => false,
     };
-    while began.elapsed() < wait.unwrap_or(READY_TIME_MAX) {
+    while began.elapsed() < wait.unwrap_or(READY_TIME_MAX) && !is_over() {
         let status = client.status()?;
         let awaited: Vec<&ChannelStatus> = status.channels.iter().filter(may_get_ready).collect();
         if awaited.is_empty() {

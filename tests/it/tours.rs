@@ -13,8 +13,8 @@ use crate::harness::place::TestDir;
 use crate::harness::process::Process;
 use crate::harness::scenes::Gltf;
 use crate::harness::wait;
-use polyptych_client::ChannelState;
 use polyptych_client::glam::DVec3;
+use polyptych_client::{ChannelState, Pacing};
 
 /// Frames of a film: enough that a test stops it on its way on a busy machine.
 const FRAMES: u32 = 90;
@@ -133,6 +133,20 @@ fn a_film_of_a_tour_is_the_same_again_whatever_happens_to_a_server() {
         assert!(reason.is_string(), "{report}");
     }
     assert!(pictures(&third, &screen, FRAMES) == first, "the same pictures");
+}
+
+#[test]
+fn a_film_that_is_interrupted_leaves_the_wall_at_its_pace() {
+    let local = wall();
+    let pace = Some(Pacing::Rate(20.0));
+    local.client().start_rendering(Pacing::Rate(20.0)).expect("running");
+    let arguments = ["film", "cut", "--frames", "1000000", "--fps", "10"];
+    let (mut film, _) = begin_film(&local, &arguments, &local.place.path("cut"));
+    assert_eq!(local.client().tour().expect("how it stands").pace, None, "the film has paused it");
+    film.signal(Signal::INT);
+    film.signal(Signal::CONT);
+    film.finish(wait::LIMIT).failed(&["interrupted after", "of 1000000 frames"]);
+    assert_eq!(local.client().tour().expect("how it stands").pace, pace);
 }
 
 /// Begins a film and stops its process after some frames; returns it and how many there are.

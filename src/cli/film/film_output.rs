@@ -1,6 +1,7 @@
 //! The output of a film: numbered PNG files, or ffmpeg.
 
 use std::io::{ErrorKind, Write};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
@@ -142,6 +143,8 @@ impl Encoder {
             .arg(target)
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
+            // Ctrl-C on the terminal ends the film, and the end of its input ends the encoder.
+            .process_group(0)
             .spawn()
             .context("cannot run ffmpeg")?;
         Ok(Self { process, size })
