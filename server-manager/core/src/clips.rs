@@ -58,9 +58,9 @@ impl PlayedClip {
         let clock = if is_given { &mut self.given } else { &mut self.own };
         let scene_s = *clock.scene_s.get_or_insert(time_s);
         let speed = if self.status.is_running { self.status.speed } else { 0.0 };
-        let at_s = clock.at_s + (time_s - scene_s) * speed;
-        // Finite times that are far apart can have an infinite difference.
-        self.at_s = at_s.clamp(-f64::MAX, f64::MAX);
+        // Finite times that are far apart can have an infinite difference, of which no part is 0.
+        let passed_s = if speed == 0.0 { 0.0 } else { (time_s - scene_s) * speed };
+        self.at_s = (clock.at_s + passed_s).clamp(-f64::MAX, f64::MAX);
         self.status.time_s = self.wrapped();
     }
 
