@@ -218,7 +218,7 @@ impl RemoteStore {
     }
 
     /// A fault of this machine, in the course of an upload.
-    fn local(&self, reason: &dyn std::fmt::Display) -> StoreFault {
+    pub(crate) fn local(&self, reason: &dyn std::fmt::Display) -> StoreFault {
         let reason = format!("not uploaded: {reason}");
         StoreFault::unusable(&self.url, reason, "bake the file again")
     }

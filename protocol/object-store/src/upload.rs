@@ -69,10 +69,47 @@ async fn send(
     from: &BlobStore,
     hash: BlobHash,
 ) -> Result<Option<u64>, StoreFault> {
-    let bytes = std::fs::metadata(from.path_of(hash)).map_or(0, |file| file.len());
+    // An object of 0 bytes would else do for a blob that is missing here.
+    let missing = |error| store.local(&format!("blob {hash} is not in {from:?}: {error}"));
+    let bytes = std::fs::metadata(from.path_of(hash)).map_err(missing)?.len();
     if store.size_of(hash).await? == Some(bytes) {
         return Ok(None);
     }
     store.put(from, hash).await?;
     Ok(Some(bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Read, Write};
+    use std::net::{TcpListener, TcpStream};
+
+    use polyptych_files::blob::StoreUrl;
+
+    use super::*;
+
+    /// Answers a request for the size of an object with 0 bytes.
+    fn answer(mut stream: TcpStream) {
+        let mut request = [0; 4096];
+        let _ = stream.read(&mut request);
+        let date = "last-modified: Wed, 25 Nov 2026 10:00:00 GMT";
+        let head = format!("HTTP/1.1 200 OK\r\ncontent-length: 0\r\n{date}\r\netag: \"0\"\r\n");
+        let _ = stream.write_all(format!("{head}connection: close\r\n\r\n").as_bytes());
+    }
+
+    #[test]
+    fn names_a_blob_that_is_missing_here_though_the_store_has_an_empty_object() {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+        let url = format!("http://{}/blobs", listener.local_addr().expect("an address"));
+        let serve = move || listener.incoming().flatten().for_each(answer);
+        std::thread::Builder::new().name("store".into()).spawn(serve).expect("a thread");
+        let url = StoreUrl::from_text(&url).expect("a URL").expect("of a store");
+        let store = RemoteStore::open(url).expect("a store");
+        let folder = tempfile::tempdir().expect("a folder");
+        let (from, missing) = (BlobStore::new(folder.path()), BlobHash([7; 32]));
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        let sent = runtime.expect("a runtime").block_on(upload(&store, &from, &[missing], |_| {}));
+        let reason = sent.expect_err("it is not there").to_string();
+        assert!(reason.contains(&format!("blob {missing} is not in")), "{reason}");
+    }
 }
