@@ -27,6 +27,11 @@ pub(crate) fn fetch(
     let begun = PartialBlob::open(cache, hash, false).unwrap_or_default();
     let had = begun.as_ref().map_or(0, |(_, bytes)| bytes.len());
     let mut transfer = Transfer::new(begun);
+    // A server may have been killed behind the last byte of a blob of whole pieces: there is no
+    // rest to ask for.
+    if had > 0 && transfer.is_whole(hash) {
+        return Ok(transfer.finish(cache, hash));
+    }
     match transfer.run(cache, hash, order) {
         Ok(()) => Ok(transfer.finish(cache, hash)),
         Err(Broken::Cancelled(reason)) => Err(reason),
@@ -108,11 +113,16 @@ impl Transfer {
                 break;
             }
         }
-        if self.hasher.finish() == hash {
+        if self.is_whole(hash) {
             return Ok(());
         }
         let reason = format!("blob {hash} was damaged on its way or in the manager's store");
         Err(Broken::Useless(reason))
+    }
+
+    /// Returns whether these bytes are the blob of this name.
+    fn is_whole(&self, hash: BlobHash) -> bool {
+        self.hasher.finish() == hash
     }
 
     /// Forgets what came.
@@ -125,5 +135,32 @@ impl Transfer {
     fn finish(self, cache: &BlobStore, hash: BlobHash) -> (Bytes, Option<io::Result<()>>) {
         let placed = self.partial.map(|partial| partial.place(cache, hash));
         (self.bytes.freeze(), placed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tokio::sync::mpsc;
+
+    use super::*;
+
+    #[test]
+    fn a_beginning_that_is_the_whole_blob_is_taken_without_asking() {
+        let root = tempfile::tempdir().expect("a folder");
+        let cache = BlobStore::new(root.path());
+        let whole = vec![5u8; 2 * CHUNK_BYTES_MAX];
+        let hash = BlobHash::of(&whole);
+        let opened = PartialBlob::open(&cache, hash, true).expect("opened");
+        let (mut partial, _) = opened.expect("nobody else has it");
+        partial.append(&whole).expect("kept");
+        drop(partial);
+        // Nobody answers there.
+        let (bulk, jobs) = mpsc::channel(1);
+        drop(jobs);
+        let order = BlobOrder { bulk: &bulk, check: &|| Ok(()) };
+        let (bytes, placed) = fetch(&cache, hash, &order).expect("it is here");
+        assert_eq!(bytes, whole);
+        placed.expect("tried").expect("placed");
+        assert_eq!(cache.read(hash).expect("read").as_deref(), Some(&whole[..]));
     }
 }
