@@ -15,6 +15,10 @@ const STORE_RETRY_LONGEST: Duration = Duration::from_mins(5);
 /// Damaged objects in a row after which the whole store is taken to be damaged.
 const DAMAGED_MAX: u32 = 8;
 
+/// Whole objects in a row after which a damaged one before them is no warning any more: the store
+/// was mended, or the object is not asked for.
+const WHOLE_MIN: u32 = 8;
+
 /// The outcome of asking stores.
 #[derive(Debug)]
 pub(crate) enum Fetched {
@@ -42,6 +46,8 @@ struct Health {
     retry_at: Option<Instant>,
     /// Damaged objects since the last whole one.
     damaged: u32,
+    /// Whole objects since the last damaged one, up to [`WHOLE_MIN`].
+    whole: u32,
     /// Why it is not asked.
     unusable: Option<String>,
     /// The first damaged object.
@@ -98,14 +104,8 @@ impl WatchedStore {
     }
 
     fn note_answer(&self, store: &RemoteStore, is_whole: bool) {
-        let mut health = self.health();
-        if is_whole {
-            health.damaged = 0;
-        }
-        health.retry_at = None;
-        health.failures = 0;
-        if health.unusable.take().is_some() {
-            drop(health);
+        let works_again = self.health().note_answer(is_whole);
+        if works_again {
             tracing::info!(store = %store.url(), "the object store works again");
         }
     }
@@ -120,7 +120,7 @@ impl WatchedStore {
             health.rest();
             health.unusable.replace(fault.to_string()).is_none()
         } else {
-            health.damaged += 1;
+            (health.damaged, health.whole) = (health.damaged + 1, 0);
             if health.damaged >= DAMAGED_MAX {
                 health.damaged = 0;
                 health.rest();
@@ -140,10 +140,59 @@ impl WatchedStore {
 }
 
 impl Health {
+    /// Counts an answer: a whole object, or none of this name. Returns whether there is no warning
+    /// any more.
+    fn note_answer(&mut self, is_whole: bool) -> bool {
+        if is_whole {
+            self.damaged = 0;
+            self.whole = (self.whole + 1).min(WHOLE_MIN);
+        }
+        self.retry_at = None;
+        self.failures = 0;
+        let is_mended = self.whole == WHOLE_MIN && self.damage.take().is_some();
+        self.unusable.take().is_some() || is_mended
+    }
+
     /// Leaves the store alone, longer after each failure.
     fn rest(&mut self) {
         let wait = STORE_RETRY_FIRST * 2u32.pow(self.failures.min(8));
         self.failures += 1;
         self.retry_at = Some(Instant::now() + wait.min(STORE_RETRY_LONGEST));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_files::blob::StoreUrl;
+
+    use super::*;
+
+    #[test]
+    fn a_store_that_gives_whole_objects_again_has_no_warning_any_more() {
+        let watched = WatchedStore { store: None, health: Mutex::default() };
+        let url = StoreUrl::from_text("http://127.0.0.1:1/blobs").expect("a URL");
+        let url = url.expect("of a store");
+        let damaged = || StoreFault {
+            url: url.clone(),
+            kind: FaultKind::DamagedBlob,
+            reason: "blob aa has other bytes than its name says".to_owned(),
+            fix: "upload it again".to_owned(),
+        };
+        watched.note_fault(&damaged());
+        assert!(watched.warning().is_some_and(|warning| warning.contains("other bytes")));
+        for _ in 1..WHOLE_MIN {
+            assert!(!watched.health().note_answer(true));
+        }
+        watched.note_fault(&damaged());
+        for answers in 1..WHOLE_MIN {
+            // That it has no object of some name says nothing of the others.
+            assert!(!watched.health().note_answer(false));
+            assert!(!watched.health().note_answer(true), "after {answers} whole objects");
+            assert!(watched.warning().is_some());
+        }
+        assert!(watched.health().note_answer(true));
+        assert_eq!(watched.warning(), None);
+        watched.note_fault(&damaged());
+        assert!(watched.warning().is_some(), "another one is news");
     }
 }
