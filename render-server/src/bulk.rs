@@ -8,6 +8,7 @@ use polyptych_files::blob::CHUNK_BYTES_MAX;
 use polyptych_files::blob::{BLOB_BYTES_MAX, BlobHash};
 use polyptych_protocol::bulk::{BulkToManager, BulkToServer, CaptureChunk};
 use polyptych_protocol::handshake_io::MessageStream;
+use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::stream::Stream;
 use tokio::sync::mpsc;
 
@@ -35,6 +36,22 @@ pub(crate) enum BulkJob {
     Fetch { hash: BlobHash, offset: u64, pieces: SyncSender<Result<Piece, String>> },
     /// Send a picture.
     Send(CapturedImage),
+}
+
+/// Puts a picture behind the jobs of the bulk connection. If there is no room, the picture is
+/// dropped, and the message is returned that tells the manager so.
+pub(crate) fn send_picture(
+    jobs: &mpsc::Sender<BulkJob>,
+    picture: CapturedImage,
+) -> Option<ServerMessage> {
+    let (channel, frame) = (picture.channel, picture.frame);
+    jobs.try_send(BulkJob::Send(picture)).err()?;
+    tracing::warn!(%channel, %frame, "a picture was dropped: the bulk connection is busy");
+    let reason = format!(
+        "its picture was dropped: {BULK_JOBS_MAX} others and blobs wait for the bulk connection; \
+         capture again once the scene is ready, or more seldom"
+    );
+    Some(ServerMessage::DrawFailed { channel, frame, reason })
 }
 
 /// Does jobs until the connection or the server ends; says why it did.
@@ -120,4 +137,31 @@ async fn send(frames: &mut MessageStream<Stream>, picture: &CapturedImage) -> Re
         sent.map_err(|error| error.to_string())?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_protocol::ids::FrameId;
+    use polyptych_wall::ChannelId;
+
+    use super::*;
+
+    #[test]
+    fn the_manager_is_told_of_a_picture_that_finds_no_room() {
+        let (jobs, _waiting) = mpsc::channel(1);
+        let picture = |frame| CapturedImage {
+            channel: ChannelId(3),
+            frame: FrameId(frame),
+            width: 1,
+            height: 1,
+            bytes: Bytes::from_static(&[0; 4]),
+        };
+        assert_eq!(send_picture(&jobs, picture(7)), None);
+        let told = send_picture(&jobs, picture(8));
+        let Some(ServerMessage::DrawFailed { channel, frame, reason }) = told else {
+            panic!("{told:?}")
+        };
+        assert_eq!((channel, frame), (ChannelId(3), FrameId(8)));
+        assert!(reason.contains("its picture was dropped"), "{reason}");
+    }
 }

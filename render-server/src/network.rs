@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
-use crossbeam_channel::Sender;
+use crossbeam_channel::{Sender, TrySendError};
 use futures_util::{SinkExt, StreamExt};
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::handshake::{
@@ -24,7 +24,7 @@ use tokio::net::UdpSocket;
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
-use crate::bulk::{self, BULK_JOBS_MAX, BulkJob};
+use crate::bulk::{self, BULK_JOBS_MAX};
 use crate::clock::{Clock, ClockEstimate};
 use crate::connection_status::{ConnectionStatus, ManagerState, time_of_day};
 use crate::ending::Ending;
@@ -44,6 +44,9 @@ const LAST_WORDS_TIME_MAX: Duration = Duration::from_millis(200);
 
 /// Maximum time for sending a goodbye: the next connection waits for it.
 const GOODBYE_TIME_MAX: Duration = Duration::from_millis(50);
+
+/// Pause between two tries to tell a render thread whose queue is full.
+const FULL_QUEUE_PAUSE: Duration = Duration::from_millis(10);
 
 /// The reason why there is no connection.
 #[derive(Debug, thiserror::Error)]
@@ -286,7 +289,11 @@ impl Network {
         // A manager that is gone, or reads nothing, is not waited for.
         let goodbye = polyptych_codec::encode(&ServerMessage::Goodbye { reason: end.to_string() });
         let _ = tokio::time::timeout(GOODBYE_TIME_MAX, frames.send(goodbye)).await;
-        let _ = self.jobs.try_send(RenderTask::Disconnected);
+        tokio::select! {
+            biased;
+            () = send_disconnected(&self.jobs) => {}
+            () = ending.ended() => {}
+        }
         end
     }
 
@@ -363,10 +370,10 @@ impl Network {
                         polyptych_codec::encode(&status)
                     }
                     RenderEvent::Picture(picture) => {
-                        if line.bulk.try_send(BulkJob::Send(picture)).is_err() {
-                            tracing::warn!("a picture was dropped: the bulk connection is busy");
-                        }
-                        continue;
+                        let Some(failed) = bulk::send_picture(&line.bulk, picture) else {
+                            continue;
+                        };
+                        polyptych_codec::encode(&failed)
                     }
                 },
                 _ = ping.tick() => {
@@ -431,6 +438,16 @@ impl Network {
     }
 }
 
+/// Tells the render thread that the connection has ended. Waits while its queue is full: frames of
+/// that connection would else be taken for those of the next one.
+async fn send_disconnected(jobs: &Sender<RenderTask>) {
+    let mut waiting = RenderTask::Disconnected;
+    while let Err(TrySendError::Full(task)) = jobs.try_send(waiting) {
+        waiting = task;
+        tokio::time::sleep(FULL_QUEUE_PAUSE).await;
+    }
+}
+
 /// This machine's address on the way to the manager, with port 0: the system's table of routes is
 /// asked by a socket that sends nothing. `None` where there is no way, or no such name.
 async fn own_address(manager: &str) -> Option<SocketAddr> {
@@ -445,4 +462,31 @@ async fn own_address(manager: &str) -> Option<SocketAddr> {
         None
     };
     tokio::time::timeout(HANDSHAKE_TIME_MAX, ask).await.ok().flatten()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_render_thread_whose_queue_is_full_hears_of_the_end_of_a_connection() {
+        let (jobs, waiting) = crossbeam_channel::bounded(1);
+        let wall = ConnectionStatus {
+            what: "connected".to_owned(),
+            since: "12:03:10 UTC".to_owned(),
+            address: None,
+            manager: ManagerState::Expected,
+        };
+        jobs.try_send(RenderTask::Notice(wall)).expect("room");
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build();
+        let taken = runtime.expect("a runtime").block_on(async {
+            let mut sent = pin!(send_disconnected(&jobs));
+            let is_sent = futures_util::poll!(sent.as_mut()).is_ready();
+            assert!(!is_sent, "there is no room for it");
+            let first = waiting.try_recv().expect("the notice");
+            sent.await;
+            [first, waiting.try_recv().expect("the end")]
+        });
+        assert!(matches!(taken, [RenderTask::Notice(_), RenderTask::Disconnected]), "{taken:?}");
+    }
 }
