@@ -37,19 +37,22 @@ impl PatternImage {
         Ok(Self { pattern, eye, mark, wall: shaped.wall.clone(), picture })
     }
 
-    /// Returns whether a new image would equal this one. Tunings of other channels matter to few
-    /// patterns.
+    /// Returns whether a new image would equal this one.
     fn is_of(&self, wall: &Wall, id: ChannelId, pattern: TestPattern, eye: DVec3) -> bool {
-        let is_same_wall = || {
-            let (old, new) = (self.wall.channel(id), wall.channel(id));
-            let is_near = old == new
-                && new.is_some_and(|new| {
-                    self.wall.screens.get(usize::from(new.screen)) == Some(wall.screen_of(new))
-                });
-            is_near && (pattern.ignores_neighbours() || self.wall == *wall)
-        };
-        self.pattern == pattern && (!pattern.depends_on_eye() || self.eye == eye) && is_same_wall()
+        self.pattern == pattern
+            && (!pattern.depends_on_eye() || self.eye == eye)
+            && is_alike(&self.wall, wall, id, pattern)
     }
+}
+
+/// Returns whether a pattern on a channel is the same on both walls. Tunings of other channels
+/// matter to few patterns; files that changed may give the channel's pixels other places.
+fn is_alike(old: &Wall, new: &Wall, id: ChannelId, pattern: TestPattern) -> bool {
+    if !pattern.ignores_neighbours() {
+        return old == new;
+    }
+    let (Some(before), Some(now)) = (old.channel(id), new.channel(id)) else { return false };
+    before == now && old.screen_of(before) == new.screen_of(now) && old.files == new.files
 }
 
 impl RenderThread {
@@ -83,5 +86,41 @@ impl RenderThread {
         self.patterns.insert(channel.name.clone(), drawn);
         self.gpu.wait(None).map_err(|fault| fault.reason)?;
         Ok(DrawStats::default())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DVec2, UVec2};
+    use polyptych_files::blob::BlobHash;
+    use polyptych_wall::surface::Plane;
+    use polyptych_wall::{CalibrationFile, CalibrationFileKind, Channel, Screen, Surface};
+
+    use super::*;
+
+    #[test]
+    fn a_file_that_changed_makes_a_pattern_another_one_and_a_neighbour_does_not() {
+        let plane = Plane::upright(DVec3::NEG_Z, DVec2::new(3.2, 1.8));
+        let size = UVec2::new(160, 90);
+        let screens = vec![Screen::new("front", Surface::Plane(plane), size * 2)];
+        let channel = |name, x| Channel::tile(name, 0, UVec2::new(x, 0), size);
+        let mut wall = Wall::new("test", screens, vec![channel("a", 0), channel("b", 160)]);
+        wall.files.push(CalibrationFile {
+            path: "warp.pfm".to_owned(),
+            kind: CalibrationFileKind::Warp,
+            blob: Some(BlobHash([1; 32])),
+            is_for_one_eye: false,
+            front: Vec::new(),
+        });
+        let (id, _) = wall.channel_by_name("a").expect("a channel");
+        let mut beside = wall.clone();
+        beside.channels[1].adjustment.mirror = true;
+        let mut changed = wall.clone();
+        changed.files[0].blob = Some(BlobHash([2; 32]));
+        for (pattern, is_near) in [(TestPattern::Density, true), (TestPattern::Overlap, false)] {
+            assert!(is_alike(&wall, &wall, id, pattern));
+            assert_eq!(is_alike(&wall, &beside, id, pattern), is_near, "{pattern:?}");
+            assert!(!is_alike(&wall, &changed, id, pattern), "{pattern:?}");
+        }
     }
 }
