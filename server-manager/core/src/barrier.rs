@@ -218,6 +218,8 @@ impl Cluster {
         let is_patient = capture && !order.as_ref().is_some_and(|order| order.is_preview);
         let wait = if is_warming || is_catching_up || is_patient { longest } else { length };
         let patience = if is_all_late { longest } else { wait };
+        // Servers draw nothing before the instant at which they show the frame before.
+        let [wait, patience] = [wait, patience].map(|time| time + self.swap_lead());
         self.pacer.frame_started(now, !waited.is_empty());
         let is_metered = self.expose(now, &waited);
         if let Some(FrameRequest { job, capture: true, .. }) = &order {
@@ -402,6 +404,11 @@ impl Cluster {
         }
     }
 
+    /// Returns the time from a swap command to the instant at which servers show its frame.
+    fn swap_lead(&self) -> Micros {
+        Micros::from(self.wall.sync.swap_lead_ms) * 1000
+    }
+
     /// Swaps the oldest frame: all it waited for have drawn, or its deadline has passed.
     pub(super) fn finish_frame(&mut self, now: Micros) {
         let Some(barrier) = self.pipeline.take_oldest(now) else { return };
@@ -414,7 +421,7 @@ impl Cluster {
         if self.pipeline.is_empty() {
             self.registry.admit_late(now, self.frame);
         }
-        let lead_us = Micros::from(self.wall.sync.swap_lead_ms) * 1000;
+        let lead_us = self.swap_lead();
         // A server that hangs longer than a frame may take must not show this one any more.
         let swap = Swap {
             epoch: self.epoch,
@@ -430,7 +437,8 @@ impl Cluster {
         }
         if !barrier.is_untypical {
             // One that was not waited for any longer took as long as that.
-            let missed_us = (!barrier.waited.is_empty()).then(|| now.saturating_sub(barrier.turn));
+            let missed_us = now.saturating_sub(barrier.turn + lead_us);
+            let missed_us = (!barrier.waited.is_empty()).then_some(missed_us);
             if let Some(us) = slowest_us.map(Micros::from).max(missed_us) {
                 self.rate_bound.add(&self.presentation.bounds, us, barrier.reduction);
             }

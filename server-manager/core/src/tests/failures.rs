@@ -29,6 +29,21 @@ fn a_channel_that_joins_and_hangs_holds_a_wall_that_moves_for_one_deadline() {
 }
 
 #[test]
+fn a_frame_is_not_late_for_the_lead_of_the_swap_before_it() {
+    let mut stage = ClusterFixture::new(2);
+    stage.cluster.wall.sync.swap_lead_ms = 100;
+    let deadline = stage.cluster.deadline.length();
+    assert!(deadline < 100_000, "{deadline}");
+    stage.order_frame();
+    // Servers show the frame before 100 ms after its swap, and draw this one then.
+    stage.draw(&[0, 1], 120_000);
+    assert_eq!([stage.state(0), stage.state(1)], [ChannelState::Live; 2]);
+    let took = frame_time(&mut stage, &[0]);
+    assert!(took <= deadline + 101_000, "{took} µs, the deadline being {deadline}");
+    assert_eq!(stage.state(1), ChannelState::Late);
+}
+
+#[test]
 fn a_channel_that_hangs_holds_no_wall_whose_others_are_late() {
     let mut stage = ClusterFixture::new(3);
     stage.order_frame();

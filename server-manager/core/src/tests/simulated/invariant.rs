@@ -432,8 +432,10 @@ impl InvariantChecker {
         if manager.frames_before.contains(&barrier.frame) {
             return Ok(());
         }
-        // A new frame waits for as long as the wall's draws ask, or for the reasons that we know.
-        let wait = barrier.length();
+        // A new frame waits for as long as the wall's draws ask, or for the reasons that we know,
+        // beside the time until its servers may draw.
+        let lead_us = Micros::from(cluster.wall.sync.swap_lead_ms) * 1000;
+        let wait = barrier.length() - lead_us;
         let is_warming = barrier
             .participants()
             .iter()
@@ -462,7 +464,8 @@ impl InvariantChecker {
             self.progress = now;
         }
         let since = self.progress.max(manager.stopped_until);
-        if now.saturating_sub(since) > self.longest_us + 1 {
+        let lead_us = Micros::from(cluster.wall.sync.swap_lead_ms) * 1000;
+        if now.saturating_sub(since) > self.longest_us + lead_us + 1 {
             return Err(format!("the wall stands still for {} µs", now - since));
         }
         Ok(())
