@@ -8,8 +8,9 @@ function curlLine(method, path, body) {
   const quoted = (text) => "'" + text.replaceAll("'", "'\\''") + "'";
   const data = body === undefined ? "" :
     ` -H 'Content-Type: application/json' -d ${quoted(JSON.stringify(body))}`;
-  return `curl -X ${method} -H "Authorization: Bearer $(polyptych login --token)"${data} ` +
-    quoted(location.origin + path);
+  // printf is the shell's own: the token is in the arguments of no process, which all users see.
+  return `printf 'Authorization: Bearer %s' "$(polyptych login --token)" | ` +
+    `curl -X ${method} -H @-${data} ` + quoted(location.origin + path);
 }
 
 /** Asks, and returns the answer; fails with what the manager says. */
