@@ -5,8 +5,21 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use polyptych_files::output_file::{self, OutputFile};
 
+/// Extensions of files that a person may have written, or that cannot be made again.
+const SOURCES: [&str; 8] = ["toml", "gltf", "glb", "bin", "rec", "incident", "py", "rs"];
+
 /// Checks that a picture or a report can be written at this path, before the work that makes it.
+/// A source that exists is no place for one.
 pub(crate) fn check(path: &Path) -> anyhow::Result<()> {
+    let is_source = path.extension().is_some_and(|of| SOURCES.iter().any(|name| of == *name));
+    if is_source && path.exists() {
+        let file = path.display();
+        bail!("{file} is a source, which a picture or report would replace; name another file");
+    }
+    check_writable(path)
+}
+
+fn check_writable(path: &Path) -> anyhow::Result<()> {
     output_file::check(path).with_context(|| cannot_write(path))
 }
 
@@ -17,7 +30,7 @@ pub(crate) fn check_source(path: &Path, force: bool) -> anyhow::Result<()> {
     if is_there && !force {
         bail!("{} is there already; --force writes over it", path.display());
     }
-    check(path)
+    check_writable(path)
 }
 
 /// Writes a file that appears whole or not at all.
@@ -42,4 +55,23 @@ pub(crate) fn make_folder(path: &Path) -> anyhow::Result<()> {
 
 fn cannot_write(path: &Path) -> String {
     format!("cannot write {}", path.display())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_replaces_pictures_and_no_source() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [wall, picture, new] =
+            ["wall.toml", "wall.svg", "new.toml"].map(|name| folder.path().join(name));
+        std::fs::write(&wall, "[wall]").expect("written");
+        std::fs::write(&picture, "<svg/>").expect("written");
+        let error = check(&wall).expect_err("it is a wall file").to_string();
+        assert!(error.contains("wall.toml is a source"), "{error}");
+        check(&picture).expect("pictures are replaced");
+        check(&new).expect("nothing is lost");
+        check_source(&wall, true).expect("it was asked for");
+    }
 }

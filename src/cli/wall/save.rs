@@ -25,7 +25,7 @@ pub(in crate::cli) struct Arguments {
 }
 
 pub(in crate::cli) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    outputs::check(&arguments.file)?;
+    outputs::check_source(&arguments.file, true)?;
     let running = arguments.manager.connect()?.wall()?;
     let name = arguments.file.display();
     // A link stays a link: what it leads to is written.
