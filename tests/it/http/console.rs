@@ -276,6 +276,20 @@ fn check_rest(page: &Page, browser: &mut Browser) {
     );
     click(browser, "rest-off");
     wait::until("no rules", || (rules() == RestRules::default()).then_some(()));
+    // What others set stands in the form, so that one part of it can be changed.
+    let hours = Some(LitHours { from_min: 540, until_min: 1080 });
+    let of_others = RestRules { idle_s: Some(900.0), hours };
+    page.local.client().set_rest(of_others).expect("set");
+    browser.await_true(
+        "['rest-idle', 'rest-from', 'rest-until'].map((id) => document.getElementById(id).value)\
+                        .join() === '15,09:00,18:00'",
+    );
+    // Half of the hours are none.
+    fill(browser, "rest-until", "");
+    submit(browser, "rest-form");
+    browser.await_true("document.getElementById('log').textContent.includes('need both ends')");
+    assert_eq!(rules(), of_others);
+    page.local.client().set_rest(RestRules::default()).expect("set");
 }
 
 /// Dragging, the wheel and keys move the camera around what it looks at.

@@ -7,7 +7,7 @@ import { showDisplays, startDisplays } from "./displays.js";
 import { showHealth } from "./health.js";
 import { pictures, placeChannels } from "./picture.js";
 import { plot, startPlots } from "./plots.js";
-import { ask, log } from "./requests.js";
+import { ask, log, read } from "./requests.js";
 import { showScene, startScenes } from "./scenes.js";
 import { byId, state } from "./state.js";
 import { showViews, startViews } from "./views.js";
@@ -23,8 +23,23 @@ function show() {
 /** Time after which a page that was refused events asks for them again, in milliseconds. */
 const LISTEN_PERIOD_MS = 2000;
 
+/** Events have stopped: a manager that comes after it may have another wall. */
+let isLost = false;
+
+async function readWallAgain() {
+  const wall = await read("/api/v1/wall");
+  if (!wall) return;
+  isLost = false;
+  const isSame = JSON.stringify(wall) === JSON.stringify(state.wall);
+  state.wall = wall;
+  if (!isSame) placeChannels();
+}
+
 function listen() {
   const events = new EventSource("/api/v1/events");
+  events.onopen = () => {
+    if (isLost) readWallAgain();
+  };
   events.addEventListener("status", (event) => {
     state.frameBefore = state.status?.frame ?? null;
     state.status = JSON.parse(event.data);
@@ -35,6 +50,7 @@ function listen() {
   });
   events.addEventListener("log", (event) => log(JSON.parse(event.data).text));
   events.onerror = async () => {
+    isLost = true;
     showHealth();
     // A browser tries again by itself where nothing answers, but not after a refusal.
     if (events.readyState !== EventSource.CLOSED) return;

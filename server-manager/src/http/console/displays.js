@@ -1,6 +1,6 @@
 // What displays show of the picture: modes, patterns, light, bounds, pace, and when they rest.
 
-import { act, actAndDraw } from "./requests.js";
+import { act, actAndDraw, log } from "./requests.js";
 import { byId, isFree, on, state } from "./state.js";
 
 /** Shows how displays are. */
@@ -17,6 +17,20 @@ export function showDisplays() {
   byId("error-value").textContent = shown.bounds.error_px;
   if (isFree("rate")) byId("rate").value = shown.bounds.rate_fps ?? "";
   byId("rest-state").textContent = inWords(rest);
+  showRules(rest.rules);
+}
+
+/** The rules that the form was filled with last, as JSON. */
+let rulesShown = null;
+
+/** Fills the form of rules if they have changed: what is being written there stays. */
+function showRules(rules) {
+  const now = JSON.stringify(rules);
+  if (now === rulesShown || !isFree("rest-form")) return;
+  rulesShown = now;
+  byId("rest-idle").value = rules.idle_s === null ? "" : rules.idle_s / 60;
+  byId("rest-from").value = rules.hours ? time(rules.hours.from_min) : "";
+  byId("rest-until").value = rules.hours ? time(rules.hours.until_min) : "";
 }
 
 const time = (minute) => [minute / 60, minute % 60]
@@ -38,6 +52,10 @@ function inWords({ rules: { idle_s, hours }, is_resting }) {
 function setRest(event) {
   event.preventDefault();
   const [idle, from, until] = ["rest-idle", "rest-from", "rest-until"].map((id) => byId(id).value);
+  if (!from !== !until) {
+    log("hours need both ends: write from and until, or neither", true);
+    return;
+  }
   act("PUT", "/api/v1/rest", {
     idle_s: idle ? Number(idle) * 60 : null,
     hours: from && until ? { from_min: minute(from), until_min: minute(until) } : null,
