@@ -150,7 +150,7 @@ impl BlobSources {
     /// Returns what the manager is to be told of stores and memory, if that is another sentence
     /// than before or it may have gone over a connection that has ended.
     pub fn news(&mut self) -> Option<ServerMessage> {
-        let stores = self.stores.iter().filter_map(WatchedStore::warning);
+        let stores = self.stores.iter().filter_map(WatchedStore::tell_warning);
         let warnings: Vec<String> = stores.chain(self.memory_warning.clone()).collect();
         let warning = (!warnings.is_empty()).then(|| warnings.join("; "));
         let before = std::mem::replace(&mut self.told, warning.clone());

@@ -15,8 +15,8 @@ const STORE_RETRY_LONGEST: Duration = Duration::from_mins(5);
 /// Damaged objects in a row after which the whole store is taken to be damaged.
 const DAMAGED_MAX: u32 = 8;
 
-/// Whole objects in a row after which a damaged one before them is no warning any more: the store
-/// was mended, or the object is not asked for.
+/// Whole objects in a row, after a damaged one was told, which end its warning: the store was
+/// mended, or the object is not asked for any more.
 const WHOLE_MIN: u32 = 8;
 
 /// The outcome of asking stores.
@@ -46,8 +46,10 @@ struct Health {
     retry_at: Option<Instant>,
     /// Damaged objects since the last whole one.
     damaged: u32,
-    /// Whole objects since the last damaged one, up to [`WHOLE_MIN`].
+    /// Whole objects since the last damaged one and since it was told, up to [`WHOLE_MIN`].
     whole: u32,
+    /// `true` if the damage was told.
+    is_told: bool,
     /// Why it is not asked.
     unusable: Option<String>,
     /// The first damaged object.
@@ -77,10 +79,14 @@ impl WatchedStore {
         self.store.is_some() && self.health().retry_at.is_none_or(|at| at <= now)
     }
 
-    /// Returns what an operator should know of the store, if anything.
-    pub fn warning(&self) -> Option<String> {
-        let health = self.health();
-        health.unusable.clone().or_else(|| health.damage.clone())
+    /// Tells what an operator should know of the store, if anything.
+    pub fn tell_warning(&self) -> Option<String> {
+        let mut health = self.health();
+        let warning = health.unusable.clone().or_else(|| health.damage.clone());
+        if health.damage.is_some() && !health.is_told {
+            (health.is_told, health.whole) = (true, 0);
+        }
+        warning
     }
 
     /// Asks the store for a blob of at most `bytes_max` bytes, if it may be asked now.
@@ -120,7 +126,7 @@ impl WatchedStore {
             health.rest();
             health.unusable.replace(fault.to_string()).is_none()
         } else {
-            (health.damaged, health.whole) = (health.damaged + 1, 0);
+            (health.damaged, health.whole, health.is_told) = (health.damaged + 1, 0, false);
             if health.damaged >= DAMAGED_MAX {
                 health.damaged = 0;
                 health.rest();
@@ -149,7 +155,8 @@ impl Health {
         }
         self.retry_at = None;
         self.failures = 0;
-        let is_mended = self.whole == WHOLE_MIN && self.damage.take().is_some();
+        let is_over = self.is_told && self.whole == WHOLE_MIN;
+        let is_mended = is_over && self.damage.take().is_some();
         self.unusable.take().is_some() || is_mended
     }
 
@@ -179,20 +186,23 @@ mod tests {
             fix: "upload it again".to_owned(),
         };
         watched.note_fault(&damaged());
-        assert!(watched.warning().is_some_and(|warning| warning.contains("other bytes")));
+        for _ in 0..2 * WHOLE_MIN {
+            assert!(!watched.health().note_answer(true), "nobody was told yet");
+        }
+        assert!(watched.tell_warning().is_some_and(|warning| warning.contains("other bytes")));
         for _ in 1..WHOLE_MIN {
             assert!(!watched.health().note_answer(true));
         }
         watched.note_fault(&damaged());
         for answers in 1..WHOLE_MIN {
+            assert!(watched.tell_warning().is_some(), "after {answers} answers");
             // That it has no object of some name says nothing of the others.
             assert!(!watched.health().note_answer(false));
-            assert!(!watched.health().note_answer(true), "after {answers} whole objects");
-            assert!(watched.warning().is_some());
+            assert!(!watched.health().note_answer(true));
         }
         assert!(watched.health().note_answer(true));
-        assert_eq!(watched.warning(), None);
+        assert_eq!(watched.tell_warning(), None);
         watched.note_fault(&damaged());
-        assert!(watched.warning().is_some(), "another one is news");
+        assert!(watched.tell_warning().is_some(), "another one is news");
     }
 }

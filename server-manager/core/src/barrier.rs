@@ -213,13 +213,11 @@ impl Cluster {
         self.follow_node(order.as_ref(), time_s, now);
         // A picture that someone asked for is worth the longest wait; a channel that joins a wall
         // that moves is not, as it would hold up those who have warmed up long ago.
-        let (length, longest) = (self.deadline.length(), self.deadline.longest());
+        let (length, longest) = self.frame_waits();
         let is_warming = !is_all_late && !is_warm;
         let is_patient = capture && !order.as_ref().is_some_and(|order| order.is_preview);
         let wait = if is_warming || is_catching_up || is_patient { longest } else { length };
         let patience = if is_all_late { longest } else { wait };
-        // Servers draw nothing before the instant at which they show the frame before.
-        let [wait, patience] = [wait, patience].map(|time| time + self.swap_lead());
         self.pacer.frame_started(now, !waited.is_empty());
         let is_metered = self.expose(now, &waited);
         if let Some(FrameRequest { job, capture: true, .. }) = &order {
@@ -402,11 +400,6 @@ impl Cluster {
             self.pipeline.stop_waiting_for(channels);
             self.advance_frame(now);
         }
-    }
-
-    /// Returns the time from a swap command to the instant at which servers show its frame.
-    fn swap_lead(&self) -> Micros {
-        Micros::from(self.wall.sync.swap_lead_ms) * 1000
     }
 
     /// Swaps the oldest frame: all it waited for have drawn, or its deadline has passed.

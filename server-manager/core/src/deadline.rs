@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use polyptych_wall::DeadlinePolicy;
 use serde::{Deserialize, Serialize};
 
-use super::Micros;
+use super::{Cluster, Micros};
 
 /// Frames that the median is taken over: about two seconds of a fast wall.
 const FRAMES_REMEMBERED: usize = 64;
@@ -50,6 +50,20 @@ impl Deadline {
         let median = f64::from(sorted[sorted.len() / 2]);
         let wanted = (median * self.rule.factor) as Micros;
         wanted.clamp(Micros::from(self.rule.min_ms) * 1000, self.longest())
+    }
+}
+
+impl Cluster {
+    /// Returns the time from a swap command to the instant at which servers show its frame.
+    pub(super) fn swap_lead(&self) -> Micros {
+        Micros::from(self.wall.sync.swap_lead_ms) * 1000
+    }
+
+    /// Returns the time that the next frame waits, and the longest that any does. Servers draw
+    /// nothing before the instant at which they show the frame before, so both count from there.
+    pub(super) fn frame_waits(&self) -> (Micros, Micros) {
+        let lead = self.swap_lead();
+        (self.deadline.length() + lead, self.deadline.longest() + lead)
     }
 }
 
