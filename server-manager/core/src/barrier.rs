@@ -346,9 +346,12 @@ impl Cluster {
         let beginning = self.beginnings.of(drawn.frame, self.frame);
         let began = beginning.map(|(began, _)| began);
         self.registry.record_draw(drawn.channel, drawn.draw_us, now, began, allowed);
-        if let Some((_, reduction)) = beginning.filter(|_| !is_awaited) {
+        if is_awaited {
+            self.rate_bound.record_awaited(drawn.channel);
+        } else if let Some((_, reduction)) = beginning {
             let draw_us = Micros::from(drawn.draw_us);
-            self.rate_bound.add_late(&self.presentation.bounds, draw_us, reduction);
+            let bounds = &self.presentation.bounds;
+            self.rate_bound.add_late(bounds, drawn.channel, draw_us, reduction);
         }
         let is_its = |b: &&mut Barrier| b.revision == drawn.revision;
         let Some(barrier) = self.pipeline.frame_mut(drawn.frame).filter(is_its) else {

@@ -5,6 +5,7 @@
 //! three rises have not halved what is too much: doubles with each frame
 //! on time, by less than it falls for: stays
 //! faster for 8 frames: falls by 3 % a frame, but not to where it was too slow lately
+//! a late channel is too slow 8 times: not heard until the wall waits for it again
 //! ```
 //!
 //! The gap between rising and falling, and the memory of the bound that was too slow, keep it from
@@ -13,7 +14,10 @@
 //!
 //! The bound is a [`Reduction`]: of detail, and where that is not enough of resolution.
 
+use std::collections::BTreeMap;
+
 use polyptych_protocol::quality_bounds::QualityBounds;
+use polyptych_wall::ChannelId;
 use serde::{Deserialize, Serialize};
 
 use super::Micros;
@@ -53,6 +57,11 @@ const HOLD_FRAMES: [u32; 2] = [32, 1024];
 /// Two bounds within this factor are the same for [`HOLD_FRAMES`].
 const SAME_FACTOR: f64 = 1.25;
 
+/// Drawings of a channel that the wall does not wait for that may raise the bound. Eight that
+/// take four times too long reach the largest bound from the least. A channel that is too slow
+/// after them does not get faster by less detail, which all the others would lose for nothing.
+const LATE_RISES_MAX: u32 = 8;
+
 /// Frames at the largest bound that are too slow before this is said.
 const UNMET_FRAMES: u32 = 10;
 
@@ -76,6 +85,8 @@ pub(super) struct RateBound {
     /// it is another one where it has halved.
     excess: f64,
     rises: u32,
+    /// Drawings of late channels that raised the bound, since the wall last waited for each.
+    late_rises: BTreeMap<ChannelId, u32>,
 }
 
 impl RateBound {
@@ -126,13 +137,29 @@ impl RateBound {
     }
 
     /// Takes the time of a channel that the wall did not wait for, which may have drawn an older
-    /// frame with another bound: one that is too slow with this bound needs a larger one.
-    pub fn add_late(&mut self, asked: &QualityBounds, draw_us: Micros, with: Reduction) {
-        if let Some(used) = used(asked, draw_us)
-            && used > 1.0
-        {
+    /// frame with another bound: one that is too slow with this bound needs a larger one. After
+    /// [`LATE_RISES_MAX`] it is not heard until [`Self::record_awaited`].
+    pub fn add_late(
+        &mut self,
+        asked: &QualityBounds,
+        channel: ChannelId,
+        draw_us: Micros,
+        with: Reduction,
+    ) {
+        let Some(used) = used(asked, draw_us).filter(|used| *used > 1.0) else { return };
+        let rises = self.late_rises.get(&channel).map_or(0, |&rises| rises);
+        if rises < LATE_RISES_MAX {
+            let before = self.in_force;
             self.rise(with, used);
+            // What was drawn before the last rise, and asks for no more than it, does not count.
+            let counts = with >= before || self.in_force > before;
+            self.late_rises.insert(channel, rises + u32::from(counts));
         }
+    }
+
+    /// Records that the wall waited for this channel's drawing.
+    pub fn record_awaited(&mut self, channel: ChannelId) {
+        self.late_rises.remove(&channel);
     }
 
     fn rise(&mut self, with: Reduction, used: f64) {

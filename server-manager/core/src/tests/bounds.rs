@@ -180,3 +180,24 @@ fn detail_that_the_budget_does_not_hold_is_told_in_pixels() {
         assert!(largest == error_px && warnings.is_empty(), "{warnings:?}");
     }
 }
+
+#[test]
+fn a_channel_that_is_late_for_good_costs_the_others_detail_for_a_while_only() {
+    let mut stage = ClusterFixture::new(2);
+    stage.bound(RATE);
+    // The second channel takes a second for everything; the first is as fast as can be.
+    let mut bounds = Vec::new();
+    for _ in 0..3_000 {
+        stage.frames.clear();
+        stage.order_frame();
+        bounds.push(stage.frames.last().expect("a frame").1.detail.error_px);
+        let slow = FrameRendered { draw_us: 1_000_000, ..stage.drawn(1) };
+        stage.draw(&[0], 1_000);
+        stage.wait(100_000);
+        stage.say(SessionId(1), ServerMessage::Drawn(slow));
+    }
+    assert_eq!(stage.state(1), ChannelState::Late);
+    let blurred = bounds.iter().filter(|&&px| px > 0.0).count();
+    assert!(bounds.contains(&ERROR_PX_MAX) && blurred < 1_500, "{blurred}");
+    assert_eq!(bounds.last(), Some(&0.0));
+}
