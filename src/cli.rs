@@ -136,6 +136,8 @@ enum Command {
     Tone(surroundings::ToneArguments),
     /// Lay fog over what cameras see
     Fog(surroundings::FogArguments),
+    /// Spread light around what is bright
+    Glow(surroundings::GlowArguments),
     /// Show a variant of the open scene, or list those of its file
     Variant(variant::Arguments),
     /// Say how a running wall stands
@@ -296,6 +298,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Exposure(arguments) => surroundings::exposure(&arguments),
         Command::Tone(arguments) => surroundings::tone(&arguments),
         Command::Fog(arguments) => surroundings::fog(&arguments),
+        Command::Glow(arguments) => surroundings::glow(&arguments),
         Command::Variant(arguments) => return variant::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),

@@ -13,7 +13,7 @@ use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{Pacing, Request, Response, StoppedServers};
-use polyptych_scene::{Fog, ToneMapper};
+use polyptych_scene::{Fog, Glow, ToneMapper};
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
@@ -279,6 +279,15 @@ impl Client {
     /// [`ClientError`]; a number that no fog has.
     pub async fn set_fog(&self, fog: Option<Fog>) -> Result<(), ClientError> {
         self.done("set the fog", Request::SetFog(fog)).await
+    }
+
+    /// Spreads light around what is bright, from the next frame on; `None` ends it. Plans, whose
+    /// rays are parallel, have none.
+    ///
+    /// # Errors
+    /// [`ClientError`]; a number that no glow has.
+    pub async fn set_glow(&self, glow: Option<Glow>) -> Result<(), ClientError> {
+        self.done("set the glow", Request::SetGlow(glow)).await
     }
 
     /// Bounds the error and the rate of pictures, from the next frame on and until it is set again.

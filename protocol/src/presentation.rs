@@ -1,6 +1,6 @@
 //! The presentation of the wall's state. Frames, the manager's memory and every status share it.
 
-use polyptych_scene::{Fog, ToneMapper};
+use polyptych_scene::{Fog, Glow, ToneMapper};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
@@ -38,6 +38,9 @@ pub struct Presentation {
     /// Fog between the eye and what it sees.
     #[serde(default)]
     pub fog: Option<Fog>,
+    /// Light that spreads around what is bright.
+    #[serde(default)]
+    pub glow: Option<Glow>,
     /// A point that its channel lights over a pattern. It ends with the manager.
     #[serde(default)]
     pub marker: Option<CalibrationMarker>,
@@ -57,6 +60,7 @@ impl Presentation {
             tone: ToneMapper::default(),
             is_exposure_automatic: false,
             fog: None,
+            glow: None,
             marker: None,
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! Every request has exactly one answer, which carries its number.
 
-use polyptych_scene::{Bounds, Fog, SceneFeatures, ToneMapper};
+use polyptych_scene::{Bounds, Fog, Glow, SceneFeatures, ToneMapper};
 use polyptych_text::text_of_peer;
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
@@ -219,6 +219,8 @@ pub enum Request {
     SetAutomaticExposure,
     /// Lays fog over what cameras see, from the next frame on; `None` takes it away.
     SetFog(Option<Fog>),
+    /// Spreads light around what is bright, from the next frame on; `None` ends it.
+    SetGlow(Option<Glow>),
     /// Sends pictures as [`Request::Capture`] does, for a person who watches: of the next frame
     /// that the wall draws by itself, or of the last one, drawn once more at its own scene time.
     /// The frame waits for no channel longer than others do.
@@ -308,6 +310,7 @@ impl Request {
             Self::ListVariants => "list the variants",
             Self::SetAutomaticExposure => "set the automatic exposure",
             Self::SetFog(_) => "set the fog",
+            Self::SetGlow(_) => "set the glow",
             Self::SaveSession { .. } => "save the session",
             Self::OpenSession { .. } => "open the session",
             Self::ListSessions => "list the sessions",

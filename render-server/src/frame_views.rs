@@ -78,6 +78,7 @@ impl ViewTransform {
             exposure: frame.presentation.exposure,
             tone: frame.presentation.tone,
             fog: frame.presentation.fog,
+            glow: frame.presentation.glow,
             subset: SceneSubset { root: view.root.map(NodeId), layers: view.layers.clone() },
             allowed_error,
             has_shadows: number < SHADOWED_VIEWS_MAX,

@@ -221,6 +221,7 @@ mod tests {
                 tone: polyptych_scene::ToneMapper::Aces,
                 is_exposure_automatic: true,
                 fog: Some(polyptych_scene::Fog::even(300.0)),
+                glow: Some(polyptych_scene::Glow::new(0.25)),
                 marker: None,
             },
             pace: Some(Pacing::Rate(60.0)),

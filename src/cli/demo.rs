@@ -71,6 +71,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         exposure: None,
         environment: Some("sky".into()),
         fog: None,
+        glow: None,
         error_bound: 0.0,
         rate_bound: None,
         out: arguments.out.clone(),

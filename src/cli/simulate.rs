@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_client::blocking::{Client, Pending};
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
-    Bounds, Camera, EnvironmentSource, Fog, QualityBounds, Request, Response, fit_bounds,
+    Bounds, Camera, EnvironmentSource, Fog, Glow, QualityBounds, Request, Response, fit_bounds,
 };
 use polyptych_manager::recorder::Recorder;
 use polyptych_text::counted;
@@ -19,7 +19,7 @@ use polyptych_wall::Wall;
 use super::progress::ProgressReport;
 use super::remote::{open_scene, point, positive, say_notes};
 use super::seen::Seen;
-use super::surroundings::Brightness;
+use super::surroundings::{Brightness, glow_strength};
 use super::{
     bake_files, bound, cache_folder, http, load_wall, log_file_warnings, login, manager, rate, say,
     seconds,
@@ -102,6 +102,9 @@ pub(super) struct Arguments {
     /// Lay fog over the scene: the distance of sight in world units
     #[arg(long, value_name = "VISIBILITY", value_parser = positive)]
     pub fog: Option<f64>,
+    /// Spread this share of all light around what is bright, above 0 and up to 1
+    #[arg(long, value_name = "STRENGTH", value_parser = glow_strength)]
+    pub glow: Option<f32>,
     /// Draw coarser levels of detail where that moves no edge by more pixels of the wall than this
     #[arg(long, value_name = "PX", default_value_t = 0.0, value_parser = bound::error_px)]
     pub error_bound: f64,
@@ -275,6 +278,7 @@ fn drive(
     if let Some(visibility) = arguments.fog {
         client.set_fog(Some(Fog::even(visibility)))?;
     }
+    arguments.glow.map(|strength| client.set_glow(Some(Glow::new(strength)))).transpose()?;
     match arguments.exposure {
         Some(Brightness::Factor(factor)) => client.set_exposure(factor)?,
         Some(Brightness::Automatic) => client.set_automatic_exposure()?,

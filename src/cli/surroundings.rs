@@ -1,7 +1,7 @@
-//! `polyptych environment`, `exposure`, `tone` and `fog`: the light of a running wall.
+//! `polyptych environment`, `exposure`, `tone`, `fog` and `glow`: the light of a running wall.
 
 use polyptych_client::glam::DVec3;
-use polyptych_client::{EnvironmentSource, Fog, ToneMapper};
+use polyptych_client::{EnvironmentSource, Fog, Glow, ToneMapper};
 use polyptych_text::printable;
 
 use super::remote::{path_from_here, point, positive};
@@ -179,6 +179,60 @@ pub(super) fn fog(arguments: &FogArguments) -> anyhow::Result<()> {
         None => String::new(),
     };
     say(format_args!("fog with a visibility of {visibility}{layer}, scatters {r},{g},{b}"))
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct GlowArguments {
+    /// The share of all light that spreads, above 0 and up to 1: 0.05 is a lens, 0.2 is mist. Or
+    /// "none". Without it, say how it is
+    #[arg(value_name = "STRENGTH|none", value_parser = strength)]
+    strength: Option<Strength>,
+    /// The width of the widest part as seen by the viewer, in degrees, 0.1 to 7
+    #[arg(long, value_name = "DEGREES", default_value_t = 4.0)]
+    width: f32,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+/// A glow that is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Strength {
+    None,
+    Share(f32),
+}
+
+fn strength(text: &str) -> Result<Strength, String> {
+    match text {
+        "none" => Ok(Strength::None),
+        _ => glow_strength(text).map(Strength::Share).map_err(|error| format!("{error}, or none")),
+    }
+}
+
+/// Reads the strength of a glow.
+pub(super) fn glow_strength(text: &str) -> Result<f32, String> {
+    let strength: f32 = text.parse().map_err(|_| "a number above 0 and up to 1")?;
+    match Glow::new(strength).fault() {
+        Some(fault) => Err(fault),
+        None => Ok(strength),
+    }
+}
+
+/// Spreads light around what is bright or ends it, or says how it is.
+pub(super) fn glow(arguments: &GlowArguments) -> anyhow::Result<()> {
+    let client = arguments.manager.connect()?;
+    match arguments.strength {
+        Some(Strength::None) => client.set_glow(None)?,
+        Some(Strength::Share(strength)) => {
+            client.set_glow(Some(Glow { strength, width_degrees: arguments.width }))?;
+        }
+        None => {}
+    }
+    match client.presentation()?.glow {
+        Some(Glow { strength, width_degrees }) => {
+            say(format_args!("glow with a strength of {strength}, {width_degrees}° wide"))
+        }
+        None => say("glow none"),
+    }
 }
 
 #[cfg(test)]

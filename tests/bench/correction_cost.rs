@@ -180,6 +180,7 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
         exposure: 1.0,
         tone: polyptych_scene::ToneMapper::default(),
         fog: None,
+        glow: None,
         subset: polyptych_scene::SceneSubset::default(),
         allowed_error: polyptych_renderer::AllowedError::NONE,
         has_shadows: false,

@@ -63,6 +63,7 @@ fn look(eye: DVec3, at: DVec3) -> ViewDesc {
         exposure: 1.0,
         tone: ToneMapper::default(),
         fog: None,
+        glow: None,
         subset: SceneSubset::default(),
         allowed_error: AllowedError::NONE,
         has_shadows: false,

@@ -110,6 +110,11 @@ def set_environment(client: Client, given: Arguments) -> None:
     client.set_environment(given["environment"]["File"]["path"])
 
 
+def glow(given: Any) -> Optional[polyptych.Glow]:
+    """A glow of the wire, if there is one."""
+    return None if given is None else decode(polyptych.Glow, given)
+
+
 def fog(given: Any) -> Optional[polyptych.Fog]:
     """A fog of the wire, if there is one."""
     return None if given is None else decode(polyptych.Fog, given)
@@ -134,6 +139,7 @@ CALLS: Dict[str, Callable[[Client, Arguments], Any]] = {
     "set_head": lambda client, given: client.set_head(given["position"]),
     "set_views": lambda client, given: client.set_views(views(given["views"])),
     "set_fog": lambda client, given: client.set_fog(fog(given["fog"])),
+    "set_glow": lambda client, given: client.set_glow(glow(given["glow"])),
     "set_bounds": lambda client, given: client.set_bounds(
         decode(polyptych.QualityBounds, given["bounds"])
     ),

@@ -183,6 +183,29 @@ fn fog_hides_what_is_far_on_all_displays_until_it_is_taken_away() {
 }
 
 #[test]
+fn glow_spreads_light_on_all_displays_until_it_is_taken_away() {
+    let local = wall();
+    let client = local.client();
+    client.open_scene("triangle.glb").expect("opened");
+    client.set_exposure(8.0).expect("set");
+    let plain = picture(&client);
+    assert_eq!(local.run(&["glow"]).succeeded(), "glow none");
+    let said = local.run(&["glow", "0.5", "--width", "7"]).succeeded();
+    assert_eq!(said, "glow with a strength of 0.5, 7° wide");
+    let glowing = picture(&client);
+    assert_ne!(glowing, plain);
+    for words in [["glow", "0"], ["glow", "NaN"], ["glow", "much"]] {
+        let refused = local.run(&words);
+        assert_eq!(refused.code(), 2, "{}", refused.output);
+        assert!(refused.output.contains("or none"), "{}", refused.output);
+    }
+    local.run(&["glow", "0.5", "--width", "90"]).failed(&["0.1 to 7 degrees wide, not 90"]);
+    assert!(picture(&client) == glowing, "what is refused changes nothing");
+    local.run(&["glow", "none"]).succeeded();
+    check("without", &picture(&client), &plain, &IDENTICAL);
+}
+
+#[test]
 fn a_simulation_has_the_surroundings_that_it_is_given() {
     let run = |arguments: &[&str]| {
         let place = TestDir::new();

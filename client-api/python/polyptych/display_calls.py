@@ -7,6 +7,7 @@ from typing import Any, Dict, Optional, Sequence, Union
 from .camera import Camera
 from .feedback import (
     Fog,
+    Glow,
     FrameFeedback,
     LitHours,
     OutputMode,
@@ -50,6 +51,10 @@ class DisplayCalls(Requests):
     def set_fog(self, fog: Optional[Fog]) -> None:
         """Lays fog over all that cameras see, from the next frame on; ``None`` takes it away."""
         self._do({"SetFog": fog})
+
+    def set_glow(self, glow: Optional[Glow]) -> None:
+        """Spreads light around what is bright, from the next frame on; ``None`` ends it."""
+        self._do({"SetGlow": glow})
 
     def set_bounds(self, bounds: QualityBounds) -> None:
         """Bounds the error and the rate of pictures, until it is set again."""

@@ -75,6 +75,16 @@ class Fog:
 
 
 @dataclass(frozen=True)
+class Glow:
+    """Light that spreads around what is bright."""
+
+    #: The share of light that spreads, above 0 and up to 1.
+    strength: float
+    #: The width of the widest octave as seen by the viewer, in degrees, 0.1 to 7.
+    width_degrees: float = 4.0
+
+
+@dataclass(frozen=True)
 class QualityBounds:
     """An upper bound of the error and a lower bound of the rate; the rate wins."""
 
@@ -213,6 +223,7 @@ class Presentation:
     tone: ToneMapper = ToneMapper.NEUTRAL
     is_exposure_automatic: bool = False
     fog: Optional[Fog] = None
+    glow: Optional[Glow] = None
 
     def all_views(self) -> List[View]:
         """Returns the wall's own picture, and what lies over it."""

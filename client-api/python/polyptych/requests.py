@@ -58,6 +58,7 @@ _NAMES: Dict[str, str] = {
     "ListVariants": "list the variants",
     "SetAutomaticExposure": "set the automatic exposure",
     "SetFog": "set the fog",
+    "SetGlow": "set the glow",
     "SaveSession": "save the session",
     "OpenSession": "open the session",
     "ListSessions": "list the sessions",

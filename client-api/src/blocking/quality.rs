@@ -2,7 +2,7 @@
 
 use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::quality_bounds::QualityBounds;
-use polyptych_scene::{Fog, ToneMapper};
+use polyptych_scene::{Fog, Glow, ToneMapper};
 
 use super::{Client, wait};
 use crate::error::ClientError;
@@ -46,6 +46,14 @@ impl Client {
     /// [`ClientError`].
     pub fn set_fog(&self, fog: Option<Fog>) -> Result<(), ClientError> {
         wait(self.inner.set_fog(fog))
+    }
+
+    /// Blocking version of [`crate::Client::set_glow`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_glow(&self, glow: Option<Glow>) -> Result<(), ClientError> {
+        wait(self.inner.set_glow(glow))
     }
 
     /// Blocking version of [`crate::Client::set_bounds`].

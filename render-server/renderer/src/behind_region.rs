@@ -1,7 +1,7 @@
-//! The pictures that surfaces which transmit light see behind them: where they lie, so that all
-//! channels of a screen compute the same texels.
+//! The pictures that surfaces which transmit light see behind them, and those whose light spreads
+//! as glow: where they lie, so that all channels of a screen compute the same texels.
 //!
-//! A view has two of them: a sharp one, a pixel a texel, for what is refracted little, and a wide
+//! A view with glow has a wide one, and with what transmits light two of them: a sharp one, a pixel a texel, for what is refracted little, and a wide
 //! one of at most [`TEXELS_PER_RADIAN`] for what is refracted or blurred far. Each is larger than
 //! what is seen by a guard band, and begins at a multiple of its coarsest texel in pixels of the
 //! canvas, which the tiles of a screen share. Shaders clamp offsets and filters to the guard band,
@@ -68,10 +68,20 @@ pub(crate) struct BehindRegion {
 impl BehindRegion {
     /// Returns the pictures for what a view shows in a rectangle of the target, the wide one last.
     pub fn of_view(view: &ViewDesc, rectangle: [u32; 4]) -> Vec<Self> {
-        let scale = (pixels_per_radian(view) / TEXELS_PER_RADIAN).log2().ceil().clamp(0.0, 12.0);
-        let wide = Self::around(view, rectangle, (scale as u32, WIDE_REACH));
-        let sharp = (scale > 0.0).then(|| Self::around(view, rectangle, (0, SHARP_REACH)));
+        let wide = Self::of_glow(view, rectangle);
+        let sharp = (wide.scale > 0).then(|| Self::around(view, rectangle, (0, SHARP_REACH)));
         sharp.into_iter().chain([wide]).collect()
+    }
+
+    /// Returns the picture for light that spreads in what a view shows in a rectangle of the
+    /// target.
+    pub fn of_glow(view: &ViewDesc, rectangle: [u32; 4]) -> Self {
+        Self::around(view, rectangle, (wide_scale(view), WIDE_REACH))
+    }
+
+    /// Radians to a texel in the middle of the canvas.
+    pub fn texel_rad(&self, view: &ViewDesc) -> f64 {
+        f64::from(1u32 << self.scale) / pixels_per_radian(view)
     }
 
     fn around(view: &ViewDesc, rectangle: [u32; 4], (scale, reach): (u32, i64)) -> Self {
@@ -161,6 +171,12 @@ fn pixels_per_radian(view: &ViewDesc) -> f64 {
     let slope = (view.clip_from_view.y_axis.y / view.clip_from_view.z_axis.w).abs();
     let pixels = height * 0.5 * slope;
     if pixels.is_finite() { pixels.max(1.0) } else { height.max(1.0) }
+}
+
+/// The texels of a wide picture, as a power of two in pixels.
+fn wide_scale(view: &ViewDesc) -> u32 {
+    let scale = (pixels_per_radian(view) / TEXELS_PER_RADIAN).log2().ceil();
+    scale.clamp(0.0, 12.0) as u32
 }
 
 /// Places pictures beside and below each other in a texture of sides up to `side_max`. Returns the

@@ -158,6 +158,17 @@ pub(crate) fn picture_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
     })
 }
 
+/// Group 1 of the way to the display target with glow: the float target, a sampler, the picture that
+/// spreads, and the uniforms of a view, each at an offset.
+pub(crate) fn glow_layout(device: &wgpu::Device, uniform_size: usize) -> wgpu::BindGroupLayout {
+    let uniform = wgpu::BufferBindingType::Uniform;
+    let uniform = buffer(3, wgpu::ShaderStages::FRAGMENT, uniform, true, uniform_size);
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("glow/layout"),
+        entries: &[texture(0, true), sampler(1), texture(2, true), uniform],
+    })
+}
+
 /// Group 1 of the passes that read depth: of one sample for each pixel, with a sampler, or of
 /// several.
 pub(crate) fn depth_layout(device: &wgpu::Device, multisampled: bool) -> wgpu::BindGroupLayout {

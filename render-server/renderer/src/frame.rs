@@ -10,6 +10,7 @@ mod begun_frame;
 mod behind;
 mod draw_context;
 mod frame_buffer;
+mod glow;
 mod hidden_items;
 mod lamp_shadows;
 mod map_set;
@@ -46,6 +47,7 @@ pub use begun_frame::{BegunFrame, SubmittedFrame};
 use behind::{BehindBinding, BehindPictures, DrawnWith};
 pub(crate) use draw_context::DrawContext;
 use frame_buffer::{FrameBuffer, is_too_large};
+use glow::GlowPictures;
 pub(crate) use hidden_items::OcclusionMemory;
 use hidden_items::encode_behind;
 use scene_pass::encode_scene;
@@ -65,6 +67,7 @@ pub(crate) struct FrameResources {
     ordered_indices: FrameBuffer,
     behind_uniforms: FrameBuffer,
     behind: BehindPictures,
+    glow: GlowPictures,
     group_layout: wgpu::BindGroupLayout,
     /// Its like with an environment, once there was one.
     environment_group_layout: Option<wgpu::BindGroupLayout>,
@@ -89,6 +92,7 @@ impl FrameResources {
             ordered_indices: FrameBuffer::new("frame/ordered_indices", wgpu::BufferUsages::INDEX),
             behind_uniforms: FrameBuffer::new("frame/behind", wgpu::BufferUsages::UNIFORM),
             behind: BehindPictures::default(),
+            glow: GlowPictures::default(),
             group_layout: super::bindings::frame_layout(&gpu.device),
             environment_group_layout: None,
             background: None,
@@ -146,18 +150,7 @@ impl FrameResources {
         };
         let is_culling = occluders.is_some();
         let search = start.elapsed().saturating_sub(cull);
-        Ok(BegunFrame {
-            shown,
-            sky,
-            tone,
-            fog,
-            items,
-            is_culling,
-            depths,
-            cull,
-            search,
-            is_light: false,
-        })
+        Ok(BegunFrame { shown, sky, tone, fog, items, is_culling, depths, cull, search })
     }
 
     /// Encodes a frame and submits it.
@@ -173,7 +166,7 @@ impl FrameResources {
         begun: BegunFrame,
     ) -> Result<SubmittedFrame, DrawError> {
         let start = Instant::now();
-        let variant = begun.variant(scene, target.content());
+        let variant = begun.variant(scene, target);
         let BegunFrame { mut shown, sky, tone, items, is_culling, depths, cull, search, .. } =
             begun;
         let hidden = match depths {
@@ -185,9 +178,10 @@ impl FrameResources {
         let found = ready(pipelines, scene, variant)?;
         let with = DrawnWith { pipelines: &found, variant, shadows: &shadows.groups };
         let behind = self.draw_behind(gpu, &with, scene, target, &shown)?;
+        let spread = self.draw_glow(gpu, &with, (scene, target), &shown)?;
         let lists = self.lists(gpu, scene, &shown)?;
         let sorted = start.elapsed();
-        let clear_display = if scene.layout.blends {
+        let clear_display = if target.is_linear() {
             self.tonemap.sky_color(gpu, (sky, tone), target.content())?
         } else {
             light_color(tone_map(tone, sky))
@@ -205,7 +199,7 @@ impl FrameResources {
         if let (Some(hidden), Some(occluders)) = (hidden, occluders) {
             encode_behind(&mut encoder, occluders, target, hidden);
         }
-        let clear_scene = if scene.layout.blends { light_color(sky) } else { clear_display };
+        let clear_scene = if target.is_linear() { light_color(sky) } else { clear_display };
         let begins_with = (clear_scene, hidden.is_some());
         encode_scene(&mut encoder, target, begins_with, &context, background.as_ref());
         let touched = lists.iter().filter_map(|list| match background {
@@ -213,7 +207,12 @@ impl FrameResources {
             None => list.touched,
         });
         let touched = touched.reduce(around);
-        self.tonemap.encode(gpu, &mut encoder, target, (clear_display, tone), touched);
+        match &spread {
+            Some(spread) => {
+                self.encode_glow(gpu, &mut encoder, (target, clear_display, tone), spread);
+            }
+            None => self.tonemap.encode(gpu, &mut encoder, target, (clear_display, tone), touched),
+        }
         let submission = Submission::new(gpu, encoder);
         let encoded = start.elapsed();
         self.shrink();
@@ -334,6 +333,7 @@ impl FrameResources {
             exposure: 1.0,
             tone,
             fog: None,
+            glow: None,
             subset: SceneSubset::default(),
             allowed_error: AllowedError::NONE,
             has_shadows: false,
@@ -343,8 +343,13 @@ impl FrameResources {
         self.clear_lists();
         self.records.push(InstanceRecord::default());
         let environment = scene.environment.is_some();
-        let variant =
-            PipelineVariant { content: target.content(), tone, environment, fog, is_light: false };
+        let variant = PipelineVariant {
+            content: target.content(),
+            tone,
+            environment,
+            fog,
+            is_light: target.is_linear(),
+        };
         let background = self.background(gpu, scene, target, (variant, &[&view]));
         let with = (ready(pipelines, scene, variant)?, scene.environment.as_deref());
         let behind = self.behind_nothing(gpu, scene);

@@ -120,6 +120,7 @@ impl LampMap {
             scissor: None,
             exposure: 1.0,
             fog: None,
+            glow: None,
             tone: polyptych_scene::ToneMapper::default(),
             subset: camera.subset.clone(),
             // Levels of detail as the light sees them, whoever sees the shadow.

@@ -71,7 +71,7 @@ pub use view::{AllowedError, ViewDesc};
 use std::time::{Duration, Instant};
 
 use pipeline::PipelineVariant;
-use polyptych_scene::{Fog, ToneMapper};
+use polyptych_scene::{Fog, Glow, ToneMapper};
 use polyptych_wall::ShadowFilter;
 
 /// Why a frame was not drawn.
@@ -162,6 +162,7 @@ pub struct Renderer {
     /// The tone mapper of the last frame, for which the next scene is prepared.
     tone: ToneMapper,
     fog: Option<Fog>,
+    glow: Option<Glow>,
 }
 
 impl Renderer {
@@ -176,11 +177,20 @@ impl Renderer {
         let (pipelines, frames) =
             (pipeline::Pipelines::new(gpu, samples), frame::FrameResources::new(gpu));
         let occluders = pass::occluder::OccluderPass::new(gpu, samples);
-        let occlusion = OcclusionCulling::default();
         let enlarge = pass::enlarge::EnlargePass::new(gpu);
         let shadows = frame::Shadows::new(gpu);
-        let (tone, fog) = (ToneMapper::default(), None);
-        Ok(Self { samples, pipelines, frames, occluders, shadows, enlarge, occlusion, tone, fog })
+        Ok(Self {
+            samples,
+            pipelines,
+            frames,
+            occluders,
+            shadows,
+            enlarge,
+            occlusion: OcclusionCulling::default(),
+            tone: ToneMapper::default(),
+            fog: None,
+            glow: None,
+        })
     }
 
     /// Sets when items that others hide are left out; no picture depends on it.
@@ -204,6 +214,11 @@ impl Renderer {
         self.fog
     }
 
+    /// The glow of the last frame, as the tone mapper.
+    pub fn glow(&self) -> Option<Glow> {
+        self.glow
+    }
+
     /// Samples per pixel.
     pub fn samples(&self) -> u32 {
         self.samples
@@ -221,24 +236,24 @@ impl Renderer {
     pub fn prepare_for(&mut self, gpu: &Gpu, scene: &GpuScene, content: ImageEncoding) {
         let environment = scene.environment.is_some();
         let (tone, fog) = (self.tone, self.fog.is_some());
-        let variant = PipelineVariant { content, tone, environment, fog, is_light: false };
+        let is_light = scene.needs_light(self.glow);
+        let variant = PipelineVariant { content, tone, environment, fog, is_light };
         self.pipelines.prepare(gpu, &scene.layout.keys, variant);
         if let Some(occluders) = &mut self.occluders {
             occluders.prepare(gpu, &scene.layout.keys);
         }
         self.shadows.prepare(gpu, scene);
-        let warmed =
-            Target::with_encoding(gpu, [1, 1], self.samples, scene.has_transparency(), content)
-                .map_err(|error| error.to_string())
-                .and_then(|target| {
-                    let warmed = self.frames.prewarm(
-                        gpu,
-                        (&self.pipelines, &self.shadows),
-                        scene,
-                        (&target, tone, fog),
-                    );
-                    warmed.map_err(|error| error.to_string())
-                });
+        let warmed = Target::with_encoding(gpu, [1, 1], self.samples, is_light, content)
+            .map_err(|error| error.to_string())
+            .and_then(|target| {
+                let warmed = self.frames.prewarm(
+                    gpu,
+                    (&self.pipelines, &self.shadows),
+                    scene,
+                    (&target, tone, fog),
+                );
+                warmed.map_err(|error| error.to_string())
+            });
         if let Err(reason) = warmed {
             tracing::warn!(reason, "the pipelines could not be warmed");
         }
@@ -274,8 +289,8 @@ impl Renderer {
         target: &mut Target,
         views: &[ViewDesc],
     ) -> Result<BegunFrame, DrawError> {
-        if target.samples() != self.samples || target.linear().is_some() != scene.has_transparency()
-        {
+        let glow = views.iter().find_map(|view| view.glow);
+        if target.samples() != self.samples || target.is_linear() != scene.needs_light(glow) {
             return Err(DrawError::Target);
         }
         let side_max = gpu.device.limits().max_texture_dimension_2d;
@@ -299,8 +314,8 @@ impl Renderer {
         target: &mut Target,
         begun: BegunFrame,
     ) -> Result<SubmittedFrame, DrawError> {
-        let variant = begun.variant(scene, target.content());
-        (self.tone, self.fog) = (variant.tone, begun.fog());
+        let variant = begun.variant(scene, target);
+        (self.tone, self.fog, self.glow) = (variant.tone, begun.fog(), begun.glow());
         self.pipelines.prepare_look(gpu, &scene.layout.keys, variant);
         let with = (&self.pipelines, self.occluders.as_ref(), &mut self.shadows);
         self.frames.submit(gpu, with, scene, target, begun)

@@ -4,6 +4,7 @@ pub(crate) mod background;
 pub(crate) mod behind;
 pub mod correct;
 pub mod enlarge;
+pub(crate) mod glow;
 pub mod idle;
 pub mod label;
 pub(crate) mod occluder;

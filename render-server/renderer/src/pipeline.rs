@@ -252,15 +252,16 @@ impl Pipelines {
         PipelineKey { shadows, linear: key.linear || variant.is_light, ..*key }
     }
 
-    /// Makes what is missing for another tone mapper or fog, if the scene was prepared for one: a
+    /// Makes what is missing for another tone mapper, fog or glow, if the scene was prepared for one: a
     /// frame brings them, and a state only what stays.
     pub fn prepare_look(&mut self, gpu: &Gpu, keys: &[PipelineKey], variant: PipelineVariant) {
-        let is_ready = |(tone, fog)| {
-            let variant = PipelineVariant { tone, fog, ..variant };
+        let is_ready = |(tone, fog, is_light)| {
+            let variant = PipelineVariant { tone, fog, is_light, ..variant };
             keys.iter().all(|key| self.get(key, variant).is_some())
         };
-        let mut looks = ToneMapper::ALL.into_iter().flat_map(|tone| [(tone, false), (tone, true)]);
-        if !is_ready((variant.tone, variant.fog)) && looks.any(is_ready) {
+        let looks = ToneMapper::ALL.into_iter().flat_map(|tone| [(tone, false), (tone, true)]);
+        let mut looks = looks.flat_map(|(tone, fog)| [(tone, fog, false), (tone, fog, true)]);
+        if !is_ready((variant.tone, variant.fog, variant.is_light)) && looks.any(is_ready) {
             self.prepare(gpu, keys, variant);
         }
     }

@@ -27,6 +27,7 @@ mod triangle_order;
 use std::sync::Arc;
 
 use glam::Vec3;
+use polyptych_scene::Glow;
 
 use crate::cull::FrustumPlanes;
 use crate::environment::Environment;
@@ -238,6 +239,12 @@ impl GpuScene {
     /// linear.
     pub fn has_transparency(&self) -> bool {
         self.layout.blends
+    }
+
+    /// Returns whether its targets must hold light before tone mapping: with transparency, or with
+    /// glow.
+    pub fn needs_light(&self, glow: Option<Glow>) -> bool {
+        self.has_transparency() || glow.is_some()
     }
 
     /// Around everything in a part of it.

@@ -165,6 +165,7 @@ impl Cascade {
             scissor: None,
             exposure: 1.0,
             fog: None,
+            glow: None,
             tone: polyptych_scene::ToneMapper::default(),
             subset: camera.subset.clone(),
             allowed_error: AllowedError::NONE,

@@ -9,6 +9,7 @@ mod extension_textures;
 mod extensions;
 mod fog;
 mod furnace;
+mod glow;
 mod gpu_faults;
 #[expect(dead_code, reason = "the render server's tests use the rest")]
 mod harness;

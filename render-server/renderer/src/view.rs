@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
-use polyptych_scene::{Fog, SceneSubset, ToneMapper};
+use polyptych_scene::{Fog, Glow, SceneSubset, ToneMapper};
 
 use super::cull::FrustumPlanes;
 use super::scene::{Bounds, GpuScene, LampGrid, LocalLight, Selection};
@@ -55,6 +55,8 @@ pub struct ViewDesc {
     pub tone: ToneMapper,
     /// Fog between the eye and what it sees; none where rays are parallel.
     pub fog: Option<Fog>,
+    /// Light that spreads around what is bright; none where rays are parallel.
+    pub glow: Option<Glow>,
     /// The part of the scene that it shows.
     pub subset: SceneSubset,
     /// The error up to which coarser levels of detail are drawn.
@@ -307,6 +309,9 @@ impl ViewDesc {
             return Some("a number in it is not finite".to_owned());
         }
         if let Some(fault) = self.fog.and_then(|fog| fog.fault()) {
+            return Some(fault);
+        }
+        if let Some(fault) = self.glow.and_then(|glow| glow.fault()) {
             return Some(fault);
         }
         let AllowedError { angle_rad, length, eye_offset, pixel } = self.allowed_error;

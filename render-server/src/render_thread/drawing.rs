@@ -132,8 +132,9 @@ impl RenderThread {
         scene: &GpuScene,
         correctors: &Correctors,
     ) -> Result<Begun, String> {
+        let is_linear = scene.needs_light(frame.presentation.glow);
         if let Some(pattern) = frame.presentation.pattern {
-            self.draw_pattern(index, (wall, id), frame, pattern, scene.has_transparency())?;
+            self.draw_pattern(index, (wall, id), frame, pattern, is_linear)?;
             return Ok(Begun::Pattern);
         }
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
@@ -145,7 +146,7 @@ impl RenderThread {
             return Ok(Begun::Corrected(begun));
         }
         let views = frame_views::views(wall, id, frame)?;
-        let (size, like) = (channel.size.to_array(), (wall.samples, scene.has_transparency()));
+        let (size, like) = (channel.size.to_array(), (wall.samples, is_linear));
         let steps = frame.detail.resolution_steps;
         if let Some(grid) = ReducedGrid::new(channel, wall.screen_of(channel), steps) {
             let target = output.ensure_reduced_target(&self.gpu, grid.size(1), like)?;

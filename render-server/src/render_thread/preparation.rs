@@ -149,6 +149,7 @@ impl RenderThread {
                 camera: state.warm_up,
                 tone: self.renderer.tone(),
                 fog: self.renderer.fog(),
+                glow: self.renderer.glow(),
                 ..Presentation::new(wall.head())
             },
             capture: false,
@@ -167,8 +168,8 @@ impl RenderThread {
             view.scissor = None;
         }
         let side = [WARM_UP_SIDE; 2];
-        let target =
-            Target::with_encoding(&self.gpu, side, wall.samples, scene.has_transparency(), content);
+        let is_linear = scene.needs_light(frame.presentation.glow);
+        let target = Target::with_encoding(&self.gpu, side, wall.samples, is_linear, content);
         let mut target = target.map_err(|error| error.to_string())?;
         let drawn = self.renderer.draw(&self.gpu, scene, &mut target, &views);
         drawn.map(|_| ()).map_err(|error| error.to_string())

@@ -3,8 +3,8 @@
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Pacing, Request, RequestError, Response};
-use polyptych_scene::Fog;
 use polyptych_scene::limits::NODE_NAME_BYTES_MAX;
+use polyptych_scene::{Fog, Glow};
 use polyptych_wall::limits::PATH_BYTES_MAX;
 use tracing::Level;
 
@@ -72,7 +72,10 @@ impl Cluster {
             Request::Fly(flight) => self.fly(now, &flight)?,
             Request::ReportDevices(report) => self.report_devices(now, job.client, report)?,
             Request::SetViews(views) => self.request_views(views)?,
-            Request::SetExposure(_) | Request::SetTone(_) | Request::SetFog(_) => {
+            Request::SetExposure(_)
+            | Request::SetTone(_)
+            | Request::SetFog(_)
+            | Request::SetGlow(_) => {
                 self.set_look(&request)?;
             }
             Request::SetAutomaticExposure => self.set_automatic_exposure(now),
@@ -181,6 +184,7 @@ impl Cluster {
             Request::SetExposure(exposure) => self.set_exposure(exposure)?,
             Request::SetTone(tone) => self.presentation.tone = tone,
             Request::SetFog(fog) => self.set_fog(fog)?,
+            Request::SetGlow(glow) => self.set_glow(glow)?,
             _ => {}
         }
         Ok(())
@@ -191,6 +195,14 @@ impl Cluster {
             return Err(fault);
         }
         self.presentation.fog = fog;
+        Ok(())
+    }
+
+    fn set_glow(&mut self, glow: Option<Glow>) -> Result<(), String> {
+        if let Some(fault) = glow.and_then(|glow| glow.fault()) {
+            return Err(fault);
+        }
+        self.presentation.glow = glow;
         Ok(())
     }
 

@@ -172,6 +172,7 @@ impl Cluster {
             tone,
             is_exposure_automatic,
             fog,
+            glow,
             // It ends with the alignment that set it.
             marker: _,
         } = memory.presentation;
@@ -187,8 +188,9 @@ impl Cluster {
         self.presentation.output_mode = output_mode;
         self.presentation.pattern = pattern;
         self.presentation.tone = tone;
-        // A fog that a client could not set is left out.
+        // A fog or glow that a client could not set is left out.
         self.presentation.fog = fog.filter(|fog| fog.fault().is_none());
+        self.presentation.glow = glow.filter(|glow| glow.fault().is_none());
         let head = self.set_head(head.into()).map_err(|reason| format!("the head: {reason}"));
         let views = self.set_views(views.clone()).map_err(|reason| format!("views: {reason}"));
         let bounds = self.set_bounds(bounds).map_err(|reason| format!("the bounds: {reason}"));

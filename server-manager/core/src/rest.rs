@@ -100,6 +100,7 @@ fn is_use(request: &Request) -> bool {
         | Request::SetEnvironment(_)
         | Request::SetTone(_)
         | Request::SetFog(_)
+        | Request::SetGlow(_)
         | Request::SetAutomaticExposure => true,
         _ => false,
     }

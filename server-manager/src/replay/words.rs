@@ -88,6 +88,8 @@ pub(super) fn of_request(request: &Request) -> String {
         }
         Request::SetFog(None) => format!("{name} to none"),
         Request::SetFog(Some(fog)) => format!("{name} to a visibility of {}", fog.visibility),
+        Request::SetGlow(None) => format!("{name} to none"),
+        Request::SetGlow(Some(glow)) => format!("{name} to a strength of {}", glow.strength),
         Request::SetTone(tone) => format!("{name} to {}", tone.name()),
         Request::SetEnvironment(EnvironmentSource::Baked(of)) => {
             format!("{name} to {}", text(&of.name))

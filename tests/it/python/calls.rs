@@ -131,6 +131,7 @@ fn of_displays(client: &Client, name: &str, given: &Arguments<'_>) -> Option<Ans
         "set_environment" => answer(client.set_environment(given.of("environment"))),
         "set_tone" => answer(client.set_tone(given.of("tone"))),
         "set_fog" => answer(client.set_fog(given.of("fog"))),
+        "set_glow" => answer(client.set_glow(given.of("glow"))),
         "set_bounds" => answer(client.set_bounds(given.of("bounds"))),
         "calibrate" => answer(client.calibrate(given.of::<String>("channel"), given.of("changes"))),
         _ => return None,

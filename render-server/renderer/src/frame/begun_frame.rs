@@ -3,15 +3,15 @@
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
-use polyptych_scene::{Fog, ToneMapper};
+use polyptych_scene::{Fog, Glow, ToneMapper};
 
 use super::hidden_items::OccluderDepths;
 use super::submission::Submission;
 use crate::DrawStats;
 use crate::draw_list::VisibleItems;
-use crate::output_texture::ImageEncoding;
 use crate::pipeline::PipelineVariant;
 use crate::scene::GpuScene;
+use crate::target::Target;
 use crate::view::ViewDesc;
 
 /// A view, with the items that it may show.
@@ -38,14 +38,15 @@ pub struct BegunFrame {
     pub(super) cull: Duration,
     /// Time that it took to encode the search.
     pub(super) search: Duration,
-    /// It is drawn to be metered.
-    pub(super) is_light: bool,
 }
 
 impl BegunFrame {
     /// Returns this frame as light before tone mapping, 0 where nothing is drawn.
-    pub(crate) fn of_light(self) -> Self {
-        Self { sky: Vec3::ZERO, is_light: true, ..self }
+    pub(crate) fn of_light(mut self) -> Self {
+        for (view, _) in &mut self.shown {
+            view.glow = None;
+        }
+        Self { sky: Vec3::ZERO, ..self }
     }
 
     /// Fog that its views look through.
@@ -53,14 +54,19 @@ impl BegunFrame {
         self.fog
     }
 
-    /// The pipelines that it needs for a scene, onto pictures of this content.
-    pub(crate) fn variant(&self, scene: &GpuScene, content: ImageEncoding) -> PipelineVariant {
+    /// The glow of its views.
+    pub(crate) fn glow(&self) -> Option<Glow> {
+        self.shown.iter().find_map(|(view, _)| view.glow)
+    }
+
+    /// The pipelines that it needs for a scene, onto a target.
+    pub(crate) fn variant(&self, scene: &GpuScene, target: &Target) -> PipelineVariant {
         PipelineVariant {
-            content,
+            content: target.content(),
             tone: self.tone,
             environment: scene.environment.is_some(),
             fog: self.fog.is_some(),
-            is_light: self.is_light,
+            is_light: target.is_linear(),
         }
     }
 }

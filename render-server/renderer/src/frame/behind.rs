@@ -9,8 +9,8 @@ use crate::bindings::uniform_stride;
 use crate::draw_list::{DrawList, VisibleItems, touched};
 use crate::gpu::Gpu;
 use crate::pass::behind::{BehindPass, BehindTexture};
-use crate::pass::opaque;
 use crate::pass::tonemap::light_color;
+use crate::pass::{opaque, transparent};
 use crate::pipeline::{PipelineKey, PipelineVariant};
 use crate::scene::GpuScene;
 use crate::target::Target;
@@ -80,49 +80,62 @@ impl FrameResources {
             reason: format!("what is behind its glass does not fit into {side_max} pixels"),
         })?;
         let texture = self.behind.texture(gpu, (sides, target.samples()));
-        let (mut views, mut shadows) = (Vec::new(), Vec::new());
-        for (index, (of, regions)) in shown.iter().zip(&regions).enumerate() {
-            views.extend(regions.iter().map(|region| region.view(&of.0)));
-            let group = with.shadows.get(index);
-            shadows.extend(regions.iter().filter_map(|_| group.cloned()));
-        }
-        let views: Vec<&ViewDesc> = views.iter().collect();
-        let lists = self.lists_behind(gpu, scene, &views, sides)?;
-        let background = self.background(gpu, scene, target, (with.variant, &views));
-        let environment = scene.environment.as_deref();
-        let context = DrawContext {
-            shadows,
-            ..self.context(
-                gpu,
-                (with.pipelines.to_vec(), environment),
-                scene,
-                (views, None),
-                &lists,
-            )
-        };
-        let descriptor = wgpu::CommandEncoderDescriptor { label: Some("behind") };
-        let mut encoder = gpu.device.create_command_encoder(&descriptor);
-        {
-            let exposure = shown.first().map_or(1.0, |(view, _)| view.exposure);
-            let mut pass = texture.begin(&mut encoder, light_color(sky(scene, exposure)));
-            opaque::encode(&mut pass, &context);
-            if let Some(background) = &background {
-                background.encode(&mut pass, &context);
-            }
-        }
-        drop(context);
-        let view = self.behind.finish(gpu, encoder, texture, sides);
+        let onto = (&texture, sides);
+        let is_opaque = |item| !scene.batch_of(item).blended;
+        let of = (shown, &*regions);
+        let encoder = self.draw_pictures(gpu, with, (scene, target), of, onto, is_opaque)?;
+        let view = self.behind.finish(gpu, encoder, texture, sides, |_, _| ());
         let uniform = |(of, regions): (&ShownView, &Vec<_>)| BehindUniform::new(&of.0, regions);
         let uniforms = shown.iter().zip(&regions).map(uniform).collect();
         Ok(Some(BehindBinding { view, uniforms }))
     }
 
-    fn lists_behind(
+    /// Draws the pictures of all views into the finest level of a texture, with those items of
+    /// the scene that are to be in them. Returns the commands.
+    ///
+    /// # Errors
+    /// More is shown than is held for one frame, or the GPU failed.
+    pub(super) fn draw_pictures(
+        &mut self,
+        gpu: &Gpu,
+        with: &DrawnWith<'_>,
+        (scene, target): (&GpuScene, &Target),
+        (shown, regions): (&[ShownView], &[Vec<BehindRegion>]),
+        (texture, sides): (&BehindTexture, [u32; 2]),
+        is_drawn: impl Fn(u32) -> bool,
+    ) -> Result<wgpu::CommandEncoder, DrawError> {
+        let (mut views, mut shadows) = (Vec::new(), Vec::new());
+        for (index, (of, regions)) in shown.iter().zip(regions).enumerate() {
+            views.extend(regions.iter().map(|region| region.view(&of.0)));
+            let group = with.shadows.get(index);
+            shadows.extend(regions.iter().filter_map(|_| group.cloned()));
+        }
+        let views: Vec<&ViewDesc> = views.iter().collect();
+        let lists = self.lists_of_pictures(gpu, scene, &views, sides, is_drawn)?;
+        let background = self.background(gpu, scene, target, (with.variant, &views));
+        let with = (with.pipelines.to_vec(), scene.environment.as_deref());
+        let context =
+            DrawContext { shadows, ..self.context(gpu, with, scene, (views, None), &lists) };
+        let descriptor = wgpu::CommandEncoderDescriptor { label: Some("behind") };
+        let mut encoder = gpu.device.create_command_encoder(&descriptor);
+        let exposure = shown.first().map_or(1.0, |(view, _)| view.exposure);
+        let mut pass = texture.begin(&mut encoder, light_color(sky(scene, exposure)));
+        opaque::encode(&mut pass, &context);
+        if let Some(background) = &background {
+            background.encode(&mut pass, &context);
+        }
+        transparent::encode(&mut pass, &context);
+        drop(pass);
+        Ok(encoder)
+    }
+
+    fn lists_of_pictures(
         &mut self,
         gpu: &Gpu,
         scene: &GpuScene,
         views: &[&ViewDesc],
         sides: [u32; 2],
+        is_drawn: impl Fn(u32) -> bool,
     ) -> Result<Vec<DrawList>, DrawError> {
         self.clear_lists();
         let mut lists = Vec::with_capacity(views.len());
@@ -132,7 +145,7 @@ impl FrameResources {
                 continue;
             };
             let mut visible = VisibleItems::new(scene, view, rectangle);
-            visible.items.retain(|&item| !scene.batch_of(item).blended);
+            visible.items.retain(|&item| is_drawn(item));
             let (scratch, records) = (&mut self.scratch, &mut self.records);
             lists.push(DrawList::new(scene, view, (&visible, &visible.items), scratch, records));
             check_records(gpu, records.len())
@@ -186,7 +199,7 @@ impl BehindPictures {
         self.pass.is_none() && self.texture.is_none()
     }
 
-    fn age(&mut self) {
+    pub fn age(&mut self) {
         self.unused_frames += 1;
         if self.unused_frames > KEPT_FRAMES {
             (self.texture, self.unused_frames) = (None, 0);
@@ -194,21 +207,24 @@ impl BehindPictures {
     }
 
     /// Takes the texture out; [`Self::finish`] puts it back.
-    fn texture(&mut self, gpu: &Gpu, sides: ([u32; 2], u32)) -> BehindTexture {
+    pub fn texture(&mut self, gpu: &Gpu, sides: ([u32; 2], u32)) -> BehindTexture {
         let pass = self.pass.get_or_insert_with(|| BehindPass::new(gpu));
         pass.texture(gpu, self.texture.take(), sides)
     }
 
-    fn finish(
+    /// Halves the levels, encodes what comes then, and submits all of it.
+    pub fn finish(
         &mut self,
         gpu: &Gpu,
         mut encoder: wgpu::CommandEncoder,
         texture: BehindTexture,
         used: [u32; 2],
+        then: impl FnOnce(&mut wgpu::CommandEncoder, &BehindTexture),
     ) -> wgpu::TextureView {
         if let Some(pass) = &self.pass {
             pass.encode_levels(&mut encoder, &texture, used);
         }
+        then(&mut encoder, &texture);
         // The queue draws it before the frame that is submitted next.
         Submission::new(gpu, encoder);
         self.unused_frames = 0;

@@ -42,6 +42,8 @@ impl BehindPass {
         let pipeline = screen_pipeline(gpu, names, &text, &group_layout, LINEAR_FORMAT, &[]);
         let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("behind/sampler"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
             ..Default::default()
         });
         Self { pipeline, group_layout, sampler }
@@ -133,6 +135,21 @@ impl BehindPass {
 }
 
 impl BehindTexture {
+    /// Width and height of the finest level, in texels.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// One level, to be drawn to.
+    pub fn level(&self, level: u32) -> &wgpu::TextureView {
+        &self.levels[level as usize]
+    }
+
+    /// The bindings of one level, which is read.
+    pub fn group(&self, level: u32) -> &wgpu::BindGroup {
+        &self.groups[level as usize]
+    }
+
     /// Begins the pass over what is opaque.
     pub fn begin<'a>(
         &self,

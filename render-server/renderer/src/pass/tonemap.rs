@@ -178,7 +178,7 @@ pub(crate) fn screen_pipeline(
     [name, fragment]: [&str; 2],
     text: &str,
     group_layout: &wgpu::BindGroupLayout,
-    format: wgpu::TextureFormat,
+    onto: impl Into<wgpu::ColorTargetState>,
     constants: &[(&str, f64)],
 ) -> wgpu::RenderPipeline {
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -209,7 +209,7 @@ pub(crate) fn screen_pipeline(
                 constants,
                 ..Default::default()
             },
-            targets: &[Some(format.into())],
+            targets: &[Some(onto.into())],
         }),
         multiview_mask: None,
         cache: None,

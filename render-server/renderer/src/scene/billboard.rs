@@ -129,6 +129,7 @@ mod tests {
             scissor: None,
             exposure: 1.0,
             fog: None,
+            glow: None,
             tone: polyptych_scene::ToneMapper::default(),
             subset: SceneSubset::default(),
             allowed_error: AllowedError::NONE,

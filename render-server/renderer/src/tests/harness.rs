@@ -338,6 +338,7 @@ pub fn look(eye: DVec3, at: DVec3, canvas: [u32; 2]) -> ViewDesc {
         exposure: 1.0,
         tone: ToneMapper::default(),
         fog: None,
+        glow: None,
         subset: SceneSubset::default(),
         allowed_error: AllowedError::NONE,
         has_shadows: true,
@@ -353,7 +354,8 @@ pub fn draw_sampled(
 ) -> (Vec<[u8; 4]>, DrawStats) {
     let mut renderer = Renderer::new(gpu(), samples).unwrap();
     renderer.prepare(gpu(), scene);
-    let mut target = Target::new(gpu(), size, samples, scene.has_transparency()).unwrap();
+    let glow = views.iter().find_map(|view| view.glow);
+    let mut target = Target::new(gpu(), size, samples, scene.needs_light(glow)).unwrap();
     let stats = renderer.draw(gpu(), scene, &mut target, views).unwrap();
     let pixels = read_pixels(gpu(), &target).unwrap();
     (pixels.as_chunks::<4>().0.to_vec(), stats)

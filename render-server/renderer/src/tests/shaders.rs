@@ -10,7 +10,8 @@ use crate::environment::EnvironmentUniform;
 use crate::lamp_map::LampShadowRecord;
 use crate::pass::background::{self, BackgroundUniform};
 use crate::pass::correct::{CellRecord, CorrectionUniform, EyeRecord, PlaneRecord};
-use crate::pass::{behind, occluder, opaque, shadow, transparent};
+use crate::pass::glow::GlowUniform;
+use crate::pass::{behind, glow, occluder, opaque, shadow, transparent};
 use crate::scene::{ExtensionUniform, MaterialUniform};
 use crate::shader::{ExtensionSet, Interface, depth, screen, surface, surroundings};
 use crate::shadow_uniform::{CascadeRecord, ShadowUniform, SunShadowRecord};
@@ -99,6 +100,7 @@ fn every_shader_validates() {
         module("background", &surroundings(background::SOURCE, environment, fog));
     }
     module("behind", &screen(behind::SOURCE));
+    module("glow", &screen(glow::SOURCE));
     module("tonemap", &screen(include_str!("../pass/tonemap.wgsl")));
     module("enlarge", &screen(include_str!("../pass/enlarge.wgsl")));
     module("output", &screen(include_str!("../pass/output.wgsl")));
@@ -144,7 +146,8 @@ fn check_layout(modules: &[naga::Module], name: &str, size: usize, offsets: &[(&
 fn uniforms_match_their_twins() {
     let opaque = module("opaque", &surface(of_all(), opaque::SOURCE));
     let behind = module("background", &surroundings(background::SOURCE, true, true));
-    let modules = [opaque, module("correct", include_str!("../pass/correct.wgsl")), behind];
+    let glow = module("glow", &screen(glow::SOURCE));
+    let modules = [opaque, glow, module("correct", include_str!("../pass/correct.wgsl")), behind];
     macro_rules! twin {
         ($wgsl:literal, $rust:ty, $($field:ident),+) => {{
             let offsets = [$((stringify!($field), offset_of!($rust, $field))),+];
@@ -160,6 +163,7 @@ fn uniforms_match_their_twins() {
     inverse_gamma, texel }
     twin! { "Frame", FrameUniform, clip_from_eye, sky, exposure, ground, fog_fall, eye, fog,
     lamp_origin, cells_per_unit, lamp_cells, surroundings, suns }
+    twin!("Glow", GlowUniform, corner, place, size, texels_per_pixel, strength);
     twin!("Sun", DirectionalLightRecord, toward, irradiance);
     twin!(
         "Lamp",

@@ -1,4 +1,4 @@
-//! The presentation of the scene: modes, patterns, light, fog and bounds.
+//! The presentation of the scene: modes, patterns, light, fog, glow and bounds.
 
 use polyptych_protocol::calibration_marker::{CalibrationMarker, MarkedPoint};
 use polyptych_protocol::output_mode::OutputMode;
@@ -6,7 +6,7 @@ use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::Request;
 use polyptych_protocol::screen_rest::{LitHours, RestRules};
-use polyptych_scene::{Fog, ToneMapper};
+use polyptych_scene::{Fog, Glow, ToneMapper};
 use polyptych_wall::calibration_change::Corner;
 use serde::Deserialize;
 use serde_json::json;
@@ -118,6 +118,17 @@ pub(in crate::http) const ROUTES: &[Route] = &[
     },
     Route {
         method: "PUT",
+        path: "/glow",
+        summary: "Spreads light around what is bright, or ends it without one.",
+        query: &[],
+        body: Some(|| json!({ "glow": Glow::new(0.25) })),
+        action: Action::Ask(|call| {
+            let GlowBody { glow } = call.parse()?;
+            Ok(Request::SetGlow(glow))
+        }),
+    },
+    Route {
+        method: "PUT",
         path: "/bounds",
         summary: "Bounds the error of pictures in pixels and their rate in frames per second.",
         query: &[],
@@ -163,6 +174,12 @@ struct ToneBody {
 #[serde(deny_unknown_fields)]
 struct FogBody {
     fog: Option<Fog>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GlowBody {
+    glow: Option<Glow>,
 }
 
 fn exposure(call: &Call) -> Result<Request, Refusal> {
