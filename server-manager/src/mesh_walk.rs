@@ -1,4 +1,5 @@
-//! A walk over the meshes of the open scene, in the world: what regions and nearest points share.
+//! A walk over the meshes of the open scene, in the world: what rays, regions and
+//! nearest points share.
 
 use std::cell::Cell;
 use std::sync::Arc;
@@ -19,8 +20,8 @@ const STEPS_PER_LOOK: u32 = 1024;
 #[derive(Debug)]
 pub(crate) struct MeshWalk<'a> {
     pub scene: &'a SceneIndex,
-    pub cache: &'a TriangleCache,
-    pub store: &'a BlobStore,
+    cache: &'a TriangleCache,
+    store: &'a BlobStore,
     time_max: Duration,
     begun: Instant,
     steps: Cell<u32>,
@@ -54,8 +55,9 @@ impl<'a> MeshWalk<'a> {
         }
         let seconds = self.time_max.as_secs_f64();
         Err(format!(
-            "the question was given up after {seconds} s, the most that one may take; ask for a \
-             smaller region of fewer corners, or for nodes below another one"
+            "the question was given up after {seconds} s, the maximum time of one; ask again if \
+             the disk was slow, for a shorter ray or distance, or for a smaller region of fewer \
+             corners"
         ))
     }
 

@@ -4,15 +4,14 @@
 //! into a tree of its triangles, which is kept for the next ray.
 
 use glam::{DAffine3, DVec3};
-use polyptych_files::blob::BlobStore;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::node_query::{RayHit, RayQuery};
 use polyptych_scene::Bounds;
 use polyptych_wall::pick_ray::Ray;
 use polyptych_wall::triangle_bvh::EDGE_SHARE;
 
-use crate::scene_index::SceneIndex;
-use crate::triangle_cache::{TriangleCache, Triangles};
+use crate::mesh_walk::MeshWalk;
+use crate::triangle_cache::Triangles;
 
 /// A mesh in one place, which a ray comes near.
 struct Candidate {
@@ -26,11 +25,9 @@ struct Candidate {
 /// The nearest triangle that the ray meets, from either side.
 ///
 /// # Errors
-/// The ray is none, or a mesh of the scene cannot be read.
+/// The ray is none, a mesh of the scene cannot be read, or it takes too long.
 pub(crate) fn cast(
-    scene: &SceneIndex,
-    cache: &TriangleCache,
-    store: &BlobStore,
+    walk: &MeshWalk<'_>,
     query: &RayQuery,
     revision: Revision,
 ) -> Result<Option<RayHit>, String> {
@@ -43,6 +40,7 @@ pub(crate) fn cast(
         return Err("the distance that a ray may go is 0 or more".into());
     }
     let mut candidates = Vec::new();
+    let scene = walk.scene;
     scene.visit_meshes(subset, |node, bounds, world| {
         if let Some(enters) = enters(&local(&ray, world), bounds) {
             candidates.push(Candidate { enters, node, world: *world });
@@ -57,7 +55,7 @@ pub(crate) fn cast(
         }
         let local_ray = local(&ray, &candidate.world);
         for primitive in scene.primitives(candidate.node) {
-            let Some(triangles) = cache.get(store, primitive)? else { continue };
+            let Some(triangles) = walk.triangles(primitive)? else { continue };
             let met = first(&triangles, &local_ray).filter(|(along, _)| *along <= along_max);
             let Some((along, corners)) = met else { continue };
             along_max = along;

@@ -67,10 +67,9 @@ impl Surroundings for (&MeshWalk<'_>, Revision) {
     fn below(&self, point: DVec3, depth: Option<f64>) -> Result<Option<Contact>, String> {
         self.0.check_time()?;
         let ray = Ray { origin: point, direction: DVec3::NEG_Y };
-        let MeshWalk { scene, cache, store, .. } = self.0;
         let subset = SceneSubset::default();
         let query = RayQuery { ray, max_distance: depth, subset };
-        let found = cast(scene, cache, store, &query, self.1)?;
+        let found = cast(self.0, &query, self.1)?;
         Ok(found.map(|RayHit { node, name, position, distance, .. }| Contact {
             distance,
             place: Touched { node, name, position },

@@ -1,16 +1,20 @@
 //! Rays against every triangle of a scene, one by one in the world.
 
+use std::time::Duration;
+
 use polyptych_scene::{Edit, NodeId, SceneEdits};
 use proptest::prelude::*;
 
 use super::*;
 use crate::scene_fixture::{Stage, corner, places, soup};
+use crate::triangle_cache::TriangleCache;
 
 fn cast_twice(stage: &Stage, ray: Ray) -> Option<RayHit> {
     let cache = TriangleCache::default();
     let query = RayQuery::new(ray);
-    let hit = cast(&stage.index, &cache, &stage.store, &query, Revision(3)).expect("a scene");
-    let again = cast(&stage.index, &cache, &stage.store, &query, Revision(3)).expect("a scene");
+    let walk = MeshWalk::new(&stage.index, &cache, &stage.store, Duration::from_mins(1));
+    let hit = cast(&walk, &query, Revision(3)).expect("a scene");
+    let again = cast(&walk, &query, Revision(3)).expect("a scene");
     assert_eq!(hit, again, "what is kept answers alike");
     hit
 }
@@ -78,14 +82,9 @@ fn a_hit_says_what_it_is_and_rays_that_are_none_are_refused() {
         let behind = Ray { origin: DVec3::new(x, 0.0, -5.0), direction: DVec3::Z };
         assert!(!cast_twice(&stage, behind).expect("met").is_front);
         let (cache, revision) = (TriangleCache::default(), Revision(1));
+        let walk = MeshWalk::new(&stage.index, &cache, &stage.store, Duration::from_mins(1));
         let ask = |ray, max_distance| {
-            cast(
-                &stage.index,
-                &cache,
-                &stage.store,
-                &RayQuery { max_distance, ..RayQuery::new(ray) },
-                revision,
-            )
+            cast(&walk, &RayQuery { max_distance, ..RayQuery::new(ray) }, revision)
         };
         assert_eq!(ask(ray, Some(4.9)), Ok(None));
         assert!(ask(ray, Some(5.0)).expect("a ray").is_some());
@@ -121,4 +120,16 @@ fn a_ray_along_the_sides_of_boxes_meets_what_is_in_them() {
     }
     let beside = Ray { origin: DVec3::new(11.001, 5.0, 0.5), direction: DVec3::NEG_Y };
     assert_eq!(cast_twice(&stage, beside), None);
+}
+
+#[test]
+fn gives_up_a_ray_that_takes_longer_than_a_question_may() {
+    let triangle = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]].map(corner);
+    let far = DAffine3::from_translation(DVec3::Y * 1e6);
+    let stage = Stage::new(&[triangle], &[DAffine3::IDENTITY, far], SceneEdits::default());
+    let cache = TriangleCache::default();
+    let walk = MeshWalk::new(&stage.index, &cache, &stage.store, Duration::ZERO);
+    let ray = Ray { origin: DVec3::new(10.0, 0.0, 5.0), direction: DVec3::NEG_Z };
+    let late = cast(&walk, &RayQuery::new(ray), Revision(1)).expect_err("late");
+    assert!(late.contains("given up after 0 s"), "{late}");
 }

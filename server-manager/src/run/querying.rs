@@ -25,7 +25,8 @@ use crate::walk::walk;
 /// Maximum number of questions of one client that are being answered.
 const QUERIES_MAX: usize = 16;
 
-/// Questions that are answered at a time: one core is left for everything else.
+/// Questions that are answered at a time, and likewise requests of each kind that reads or writes
+/// files: cores are left for everything else.
 const WORKERS_MAX: usize = 1;
 
 /// Maximum time of a question that looks at many triangles: other questions wait for it. In it, 20
@@ -53,7 +54,7 @@ impl Query {
         let meshes = || MeshWalk::new(scene, triangles, store, QUERY_TIME_MAX);
         match self {
             Self::Nodes(query) => scene.find(query, revision, |_| Ok(true)).map(Response::Nodes),
-            Self::Ray(query) => cast(scene, triangles, store, query, revision).map(Response::Ray),
+            Self::Ray(query) => cast(&meshes(), query, revision).map(Response::Ray),
             Self::Region(query) => find_in_region(&meshes(), query, revision).map(Response::Nodes),
             Self::Nearest(query) => nearest(&meshes(), query, revision).map(Response::Nearest),
             Self::Way(query) => walk(&(&meshes(), revision), query, revision)
@@ -92,6 +93,10 @@ pub(super) struct Queries {
     index: Arc<Mutex<Option<Arc<SceneIndex>>>>,
     triangles: TriangleCache,
     turns: Arc<Semaphore>,
+    /// The turns of saved scenes and sessions.
+    pub(super) store_turns: Arc<Semaphore>,
+    /// The turns of the scene folders: one on a disk that does not answer delays nothing else.
+    pub(super) folder_turns: Arc<Semaphore>,
     open: Vec<ClientRequest>,
     done: (mpsc::Sender<Found>, mpsc::Receiver<Found>),
     /// `true` while places of nodes are being read.
@@ -109,6 +114,8 @@ impl Queries {
             index: Arc::default(),
             triangles: TriangleCache::default(),
             turns: Arc::new(Semaphore::new(WORKERS_MAX)),
+            store_turns: Arc::new(Semaphore::new(WORKERS_MAX)),
+            folder_turns: Arc::new(Semaphore::new(WORKERS_MAX)),
             open: Vec::new(),
             done: mpsc::channel(16),
             is_placing: false,
@@ -202,13 +209,14 @@ impl EventLoop {
         });
     }
 
-    /// Answers a request away from the loop, in turn with questions.
+    /// Answers a request away from the loop, when `turns` has one.
     pub(super) fn answer_beside(
         &mut self,
         job: ClientRequest,
+        turns: Arc<Semaphore>,
         work: impl FnOnce() -> Result<Response, String> + Send + 'static,
     ) {
-        let (done, turns) = (self.queries.done.0.clone(), Arc::clone(&self.queries.turns));
+        let done = self.queries.done.0.clone();
         if self.queries.open.iter().filter(|of| of.client == job.client).count() >= QUERIES_MAX {
             let reason = format!(
                 "{QUERIES_MAX} questions of this client are open already; await some first"

@@ -62,14 +62,18 @@ impl EventLoop {
             _ => Kept::Nothing,
         };
         let blobs = BlobStore::new(self.options.baker.store.join("blobs"));
-        self.answer_beside(job, move || act(&stores, &request, kept, (&blobs, saved_at_s)));
+        let turns = Arc::clone(&self.queries.store_turns);
+        self.answer_beside(job, turns, move || act(&stores, &request, kept, (&blobs, saved_at_s)));
     }
 
     /// Lists what can be opened.
     pub(super) fn list_scene_files(&mut self, client: SessionId, id: RequestId) {
         let roots = self.options.scene_roots.clone();
         let job = ClientRequest { client, id };
-        self.answer_beside(job, move || Ok(Response::SceneFiles(scene_folders::list(&roots))));
+        let turns = Arc::clone(&self.queries.folder_turns);
+        self.answer_beside(job, turns, move || {
+            Ok(Response::SceneFiles(scene_folders::list(&roots)))
+        });
     }
 }
 
