@@ -10,6 +10,8 @@ use polyptych_protocol::progress::{OpenProgress, OpenStage};
 use polyptych_protocol::request::{MessageToClient, Request, RequestError};
 use polyptych_protocol::saved_scene::SAVED_PREFIX;
 use polyptych_protocol::transaction::{NewAssets, Transaction};
+use tokio::sync::Semaphore;
+use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
 
 use super::EventLoop;
@@ -35,6 +37,22 @@ async fn open_saved(stores: Option<Stores>, name: String, baker: &Baker) -> Resu
     };
     let read = tokio::task::spawn_blocking(read).await;
     read.map_err(|error| error.to_string())?
+}
+
+/// Bakes in turn until the client's connection is closed: then a baker ends with its future, since
+/// the result is for this client alone.
+async fn bake_while_connected<T>(
+    close: &CancellationToken,
+    turns: &Semaphore,
+    bake: impl Future<Output = Result<T, String>>,
+) -> Result<T, String> {
+    let work = async {
+        // Nobody closes it, so there is always a turn.
+        let _turn = turns.acquire().await;
+        bake.await
+    };
+    let gone = || Err("the client has closed its connection".into());
+    close.run_until_cancelled(work).await.unwrap_or_else(gone)
 }
 
 /// A request whose files were baked.
@@ -134,12 +152,12 @@ impl EventLoop {
             );
             return self.refuse(job, reason);
         }
+        let Some(seat) = self.clients.get(&job.client) else { return };
+        let close = seat.link.close.clone();
         self.asset_bakes.push(job);
         let (done, turns) = (self.baked_assets.0.clone(), Arc::clone(&self.bakes));
         let work = async move {
-            // Nobody closes it, so there is always a turn.
-            let _turn = turns.acquire().await;
-            let result = bake.await;
+            let result = bake_while_connected(&close, &turns, bake).await;
             // The manager may have ended meanwhile.
             let _ = done.send(BakedRequest { job, result }).await;
         };
@@ -171,7 +189,8 @@ impl EventLoop {
         self.answer(job.client, MessageToClient::Reply { id: job.id, reply });
     }
 
-    /// Bakes a scene, or finds that it was baked.
+    /// Bakes a scene, or finds that it was baked. A bake goes on if its client is gone, which may
+    /// come back and ask for the outcome.
     pub(super) fn import(&self, job: ClientRequest, path: String, scene: Option<String>) {
         let roots = self.options.scene_roots.clone();
         let baker = self.options.baker.clone();
@@ -219,5 +238,27 @@ impl EventLoop {
             let _ = done.send(Imported { job, result: Imports::Session(read) }).await;
         };
         tokio::spawn(work.instrument(self.cluster.request_span(job)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_bake_ends_and_gives_up_its_turn_once_its_client_is_gone() {
+        let (close, turns) = (CancellationToken::new(), Semaphore::new(1));
+        let baker = Arc::new(());
+        let held = Arc::clone(&baker);
+        let bake = async move {
+            let _held = held;
+            std::future::pending::<Result<(), String>>().await
+        };
+        let (result, ()) = tokio::join!(bake_while_connected(&close, &turns, bake), async {
+            assert_eq!(turns.available_permits(), 0, "it is being baked");
+            close.cancel();
+        });
+        assert!(result.is_err());
+        assert_eq!((turns.available_permits(), Arc::strong_count(&baker)), (1, 1));
     }
 }
