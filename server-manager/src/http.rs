@@ -83,6 +83,8 @@ struct HttpContext {
     captures: Arc<Semaphore>,
     encode_jpeg: JpegEncoder,
     fit_camera: CameraFit,
+    /// The wall as its file has it: screens stay, while calibrations of channels change.
+    wall: Arc<Wall>,
 }
 
 /// The way to the event loop.
@@ -92,6 +94,7 @@ pub(crate) struct Wiring {
     /// The wall's token; empty with keys.
     pub token: String,
     pub keys: Option<Credentials>,
+    pub wall: Arc<Wall>,
 }
 
 /// Answers on a thread of its own until the guard is dropped.
@@ -103,7 +106,7 @@ pub(crate) fn start(options: HttpOptions, wiring: Wiring) -> std::io::Result<Dro
     listener.set_nonblocking(true)?;
     let address = listener.local_addr()?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let Wiring { events, queues, token, keys } = wiring;
+    let Wiring { events, queues, token, keys, wall } = wiring;
     let context = HttpContext {
         gate: trust::Gate::new(&token, keys, hosts, address.port()),
         live: live_wall::LiveWall::new(events.clone(), queues.clone()),
@@ -114,6 +117,7 @@ pub(crate) fn start(options: HttpOptions, wiring: Wiring) -> std::io::Result<Dro
         captures: Arc::new(Semaphore::new(resources::pictures::CAPTURES_MAX)),
         encode_jpeg,
         fit_camera,
+        wall,
     };
     let stop = CancellationToken::new();
     let stopped = stop.clone();

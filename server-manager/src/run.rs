@@ -151,6 +151,7 @@ pub async fn run(
         queues: hub.turns.queues().clone(),
         token: hub.options.token.clone(),
         keys: keys.clone(),
+        wall: Arc::new(hub.options.wall.clone()),
     };
     let http = http.map(|options| http::start(options, wiring()));
     let http = http.transpose().map_err(ManagerError::Http)?;

@@ -251,8 +251,9 @@ mod tests {
         let baker = Arc::new(());
         let held = Arc::clone(&baker);
         let bake = async move {
-            let _held = held;
-            std::future::pending::<Result<(), String>>().await
+            let never = std::future::pending::<Result<(), String>>().await;
+            drop(held);
+            never
         };
         let (result, ()) = tokio::join!(bake_while_connected(&close, &turns, bake), async {
             assert_eq!(turns.available_permits(), 0, "it is being baked");

@@ -115,6 +115,27 @@ fn the_last_camera_of_many_is_shown_and_the_wall_is_not_behind() {
 }
 
 #[test]
+fn a_refused_move_is_named_and_takes_no_other_with_it() {
+    let page = Page::manager(TestDir::new(), &small(1, 1), &[], &[]);
+    let shown = || page.local.client().status().expect("a status").presentation;
+    let mut stream = open(&page);
+    let mut ask = |value: Value| {
+        stream.write_all(&frame(0x81, value.to_string().as_bytes())).expect("sent");
+        said(&mut stream)
+    };
+    let inside = json!({ "position": [0.0, 0.0, -1e6] });
+    let answer = ask(json!({ "camera": at(3.0), "head": inside }));
+    assert!(answer["frame"].as_u64().is_some_and(|frame| frame > 0), "{answer}");
+    assert!(answer["error"].as_str().is_some_and(|of| of.starts_with("head: ")), "{answer}");
+    assert_eq!(shown().camera, at(3.0));
+    let flat = Camera { scale: 0.0, ..at(4.0) };
+    let answer = ask(json!({ "camera": flat, "head": { "position": [0.1, 0.0, 0.0] } }));
+    let due = "camera: camera scale 0 is not a number above 0";
+    assert_eq!((answer["frame"].is_u64(), answer["error"].as_str()), (true, Some(due)));
+    assert_eq!((shown().camera, shown().head.position.x), (at(3.0), 0.1));
+}
+
+#[test]
 fn strangers_other_pages_and_wrong_frames_are_refused() {
     let page = Page::manager(TestDir::new(), &small(1, 1), &[], &[]);
     let ask = |head: &str| exchange(&page.address, format!("{head}\r\n").as_bytes());

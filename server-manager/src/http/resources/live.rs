@@ -16,6 +16,7 @@ use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::TokioIo;
 use polyptych_protocol::head_update::HeadUpdate;
 use polyptych_protocol::request::{Request as WallRequest, Response as WallResponse};
+use polyptych_wall::Wall;
 use polyptych_wall::camera::Camera;
 use ring::digest::{SHA1_FOR_LEGACY_USE_ONLY, digest};
 use serde::Deserialize;
@@ -38,7 +39,8 @@ pub(in crate::http) const ROUTES: &[Route] = &[Route {
     path: "/live",
     summary: "A WebSocket for what moves: texts of JSON with a `camera`, a `head` or a `pointer` \
               (`screen` and `pixel`, as for a pick). Each is answered by `{\"frame\": N}`, with \
-              what a pointer meets, or by `{\"error\": …}`; of those that come meanwhile the last.",
+              what a pointer meets; `error` names each that is refused. Of those that come \
+              meanwhile the last counts.",
     query: &[],
     body: None,
     action: Action::Live,
@@ -93,10 +95,11 @@ pub(in crate::http) async fn begin(
     let place = Arc::clone(&connection.context.admitted).try_acquire_owned();
     let place = place.map_err(|_| Refusal::unavailable("too many connections are open"))?;
     let client = connection.new_client(request.headers()).await?;
+    let wall = Arc::clone(&connection.context.wall);
     let upgraded = hyper::upgrade::on(&mut request);
     tokio::spawn(async move {
         if let Ok(upgraded) = upgraded.await {
-            Socket::new(upgraded, place).serve(client).await;
+            Socket::new(upgraded, place, wall).serve(client).await;
         }
     });
     let mut answer = answer::with_type(StatusCode::SWITCHING_PROTOCOLS, "text/plain", Bytes::new());
@@ -149,6 +152,7 @@ struct Socket {
     to: WriteHalf<TokioIo<Upgraded>>,
     decoder: Decoder,
     waiting: Moves,
+    wall: Arc<Wall>,
     #[expect(dead_code, reason = "counted until it is dropped")]
     place: OwnedSemaphorePermit,
 }
@@ -157,10 +161,10 @@ struct Socket {
 type End = Option<(u16, &'static str)>;
 
 impl Socket {
-    fn new(upgraded: Upgraded, place: OwnedSemaphorePermit) -> Self {
+    fn new(upgraded: Upgraded, place: OwnedSemaphorePermit, wall: Arc<Wall>) -> Self {
         let (from, to) = tokio::io::split(TokioIo::new(upgraded));
         let (decoder, waiting) = (Decoder::default(), Moves::default());
-        Self { from, to, decoder, waiting, place }
+        Self { from, to, decoder, waiting, wall, place }
     }
 
     async fn serve(mut self, client: HttpClient) {
@@ -178,7 +182,8 @@ impl Socket {
         let mut asked_at = heard;
         loop {
             if let Some(client) = idle.take_if(|_| !self.waiting.is_empty()) {
-                answering = Some(Box::pin(answer_moves(client, std::mem::take(&mut self.waiting))));
+                let (moves, wall) = (std::mem::take(&mut self.waiting), Arc::clone(&self.wall));
+                answering = Some(Box::pin(answer_moves(client, wall, moves)));
             }
             let next_ping = heard.max(asked_at) + PING_AFTER;
             tokio::select! {
@@ -249,35 +254,47 @@ async fn wait(answering: &mut Option<Answering>) -> (HttpClient, Value) {
 }
 
 /// Moves the wall and draws a frame for that. Returns the text of the answer.
-async fn answer_moves(mut client: HttpClient, moves: Moves) -> (HttpClient, Value) {
-    let value = match try_moves(&mut client, moves).await {
-        Ok(value) => value,
-        Err(refusal) => json!({ "error": refusal.reason }),
-    };
-    (client, value)
-}
-
-async fn try_moves(client: &mut HttpClient, moves: Moves) -> Result<Value, Refusal> {
+///
+/// Each move is tried by itself, since they may come from several texts: one that is refused is
+/// named in `error`, and takes no other with it.
+async fn answer_moves(
+    mut client: HttpClient,
+    wall: Arc<Wall>,
+    moves: Moves,
+) -> (HttpClient, Value) {
     let Moves { camera, head, pointer } = moves;
-    let mut value = json!({});
-    let is_moved = camera.is_some() || head.is_some();
+    let (mut value, mut errors) = (json!({}), Vec::new());
+    let mut is_moved = false;
     if let Some(head) = head {
-        client.ask(WallRequest::SetHead(head)).await?;
+        match client.ask(WallRequest::SetHead(head)).await {
+            Ok(_) => is_moved = true,
+            Err(refusal) => errors.push(format!("head: {}", refusal.reason)),
+        }
     }
-    if is_moved {
+    let fault = camera.as_ref().and_then(Camera::fault);
+    let camera = camera.filter(|_| fault.is_none());
+    errors.extend(fault.map(|fault| format!("camera: {fault}")));
+    if is_moved || camera.is_some() {
         let frame = WallRequest::RenderFrame { camera, time_s: None };
-        if let WallResponse::Frame(frame) = client.ask(frame).await?.response {
-            value["frame"] = json!(frame.frame);
+        match client.ask(frame).await {
+            Ok(answered) => {
+                if let WallResponse::Frame(frame) = answered.response {
+                    value["frame"] = json!(frame.frame);
+                }
+            }
+            Err(refusal) => errors.push(refusal.reason),
         }
     }
     if let Some(pointer) = pointer {
-        match pick::find(client, &pointer).await {
+        match pick::find(&mut client, &wall, &pointer).await {
             Ok(hit) => value["pointer"] = json!(hit),
-            // The frame that was drawn before is told all the same.
-            Err(refusal) => value["error"] = json!(refusal.reason),
+            Err(refusal) => errors.push(format!("pointer: {}", refusal.reason)),
         }
     }
-    Ok(value)
+    if !errors.is_empty() {
+        value["error"] = json!(errors.join("; "));
+    }
+    (client, value)
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use hyper::{Response, StatusCode};
 use polyptych_protocol::node_query::{RayHit, RayQuery};
 use polyptych_protocol::request::{Request, Response as WallResponse};
 use polyptych_scene::{NodeId, SceneSubset};
+use polyptych_wall::Wall;
 use serde::Deserialize;
 use serde_json::json;
 
@@ -42,9 +43,8 @@ pub(in crate::http) async fn answer(
     call: &Call,
 ) -> Result<Response<Body>, Refusal> {
     let body: PickBody = call.parse()?;
-    let wall = connection.ask(&call.headers, Request::DescribeWall).await?;
     let status = connection.ask(&call.headers, Request::Status).await?;
-    let query = query(&body, wall, status)?;
+    let query = query(&body, &connection.context.wall, status)?;
     let cast = connection.ask(&call.headers, Request::CastRay(query)).await?;
     Ok(answer::json(StatusCode::OK, &hit(cast)?))
 }
@@ -55,9 +55,9 @@ pub(in crate::http) async fn answer(
 /// Those of [`answer`].
 pub(super) async fn find(
     client: &mut HttpClient,
+    wall: &Wall,
     body: &PickBody,
 ) -> Result<Option<RayHit>, Refusal> {
-    let wall = client.ask(Request::DescribeWall).await?;
     let status = client.ask(Request::Status).await?;
     let query = query(body, wall, status)?;
     hit(client.ask(Request::CastRay(query)).await?)
@@ -70,10 +70,9 @@ fn other() -> Refusal {
 /// Returns the ray through a pixel, of the wall's own picture or of the view that lies there.
 fn query(
     PickBody { screen, pixel }: &PickBody,
-    wall: Answered,
+    wall: &Wall,
     status: Answered,
 ) -> Result<RayQuery, Refusal> {
-    let WallResponse::Wall(wall) = wall.response else { return Err(other()) };
     let WallResponse::Status(status) = status.response else { return Err(other()) };
     let (views, head) = (status.presentation.all_views(), status.presentation.head);
     let ray = wall.pick_ray(&views, &head, screen, *pixel);
