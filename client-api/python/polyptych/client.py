@@ -143,7 +143,10 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         :raises ValueError: it is no request of the wire.
         """
         kind = variant(request)
-        is_long = kind in ("OpenScene", "OpenOutcome", "OpenSession")
+        if kind == "OpenSession":
+            # Its scene may be any of those that are being opened.
+            return self._post_request(request, self._opening(None, None))
+        is_long = kind in ("OpenScene", "OpenOutcome", "SetEnvironment")
         timeouts = self._options.timeouts
         timeout_s = timeouts.open_scene if is_long else timeouts.other
         return self._post_request(request, Call("", "", "", timeout_s))
@@ -288,9 +291,16 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         except Mismatch as error:
             raise WrongAnswer("open the scene", str(error)) from None
 
-    def _opening(self, path: str, on_progress: Optional[Callable[[OpenProgress], None]]) -> Call:
-        """A call that asks over another connection how far the manager has come."""
-        scene, watcher = PurePath(path.partition(":")[2] or path).stem, self._new_transport()
+    def _opening(
+        self, path: Optional[str], on_progress: Optional[Callable[[OpenProgress], None]]
+    ) -> Call:
+        """A call that asks over another connection how far the manager has come.
+
+        It waits as long as the manager opens this scene, or any without a path: the manager itself
+        ends what hangs.
+        """
+        scene = None if path is None else PurePath(path.partition(":")[2] or path).stem
+        watcher = self._new_transport()
         last: List[OpenProgress] = []
 
         def is_going_on() -> bool:
@@ -299,16 +309,16 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
                 status = decode(WallStatus, json.loads(watcher.exchange(call).body))
             except (ClientError, Mismatch, ValueError):
                 return False
-            found = [opening for opening in status.opening if opening.scene == scene]
-            if not found or last[-1:] == [found[0].progress]:
+            found = [opening for opening in status.opening if scene in (None, opening.scene)]
+            if not found:
                 return False
-            last.append(found[0].progress)
-            if on_progress is not None:
+            if on_progress is not None and last[-1:] != [found[0].progress]:
+                last.append(found[0].progress)
                 on_progress(found[0].progress)
             return True
 
-        period_s = 5.0 if on_progress is None else 0.2
         timeout_s = self._options.timeouts.open_scene
+        period_s = min(5.0, timeout_s / 4.0) if on_progress is None else 0.2
         return Call("", "", "", timeout_s, is_going_on=is_going_on, period_s=period_s)
 
     def _described(self) -> Wall:

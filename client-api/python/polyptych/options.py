@@ -20,7 +20,8 @@ CAPTURE_BYTES_MAX = 2 << 30
 class Timeouts:
     """How long this client waits for the answers to requests, in seconds."""
 
-    #: For opening a scene, which includes baking it, from each change of its progress on.
+    #: For opening a scene or a session, from when the manager no longer says that it opens it, and
+    #: for surroundings.
     open_scene: float = 120.0
     #: For each picture.
     capture: float = 60.0

@@ -56,6 +56,8 @@ class ManagerDouble:
         #: Method and path of every request that came, but for statuses.
         self.requests: List[Tuple[str, str]] = []
         self.connections = 0
+        #: Released for each status that was asked for.
+        self.statuses = threading.Semaphore(0)
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.address = "127.0.0.1:%d" % self._listener.getsockname()[1]
         self._thread = threading.Thread(target=self._accept, daemon=True)
@@ -102,6 +104,7 @@ class ManagerDouble:
         method, path = line[0], line[1]
         if path == "/api/v1/status":
             connected.sendall(answer(200, self.status))
+            self.statuses.release()
             return True
         self.requests.append((method, path))
         return self.handler(connected, method, path, body)

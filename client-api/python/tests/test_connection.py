@@ -10,7 +10,7 @@ import threading
 import unittest
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Tuple
+from typing import Any, Callable, Tuple
 
 from manager_double import STATUS, TOKEN, Handler, ManagerDouble, answer
 
@@ -86,6 +86,26 @@ class Outcomes(unittest.TestCase):
 
         self.fails(is_silent, polyptych.TimedOut, "within 0.3 s", is_unknown=True)
         held.set()
+
+    def test_what_is_being_opened_is_awaited_beyond_the_time_limit(self) -> None:
+        progress = {"stage": "baking", "percent": 7}
+        status = dict(STATUS, opening=[{"scene": "town", "progress": progress}])
+
+        def opens(connected: socket.socket, *_: Any) -> bool:
+            # Of these at most 5 are asked for within the limit.
+            for _ in range(9):
+                self.assertTrue(double.statuses.acquire(timeout=20.0))
+            connected.sendall(answer(422, {"error": "the scene is gone"}))
+            return True
+
+        calls: Tuple[Callable[[polyptych.Client], object], ...] = (
+            lambda wall: wall.open_session("evening"),
+            lambda wall: wall.open_scene("town.glb"),
+        )
+        for call in calls:
+            with ManagerDouble(opens, status) as double, connect(double) as wall:
+                with self.assertRaisesRegex(polyptych.Failed, "the scene is gone"):
+                    call(wall)
 
     def test_other_answers_are_no_answers(self) -> None:
         other = {"response": {"Frame": {}}, "warnings": []}
