@@ -79,7 +79,8 @@ pub struct Timeouts {
     pub open_scene: Duration,
     /// For a capture with its pictures: one minute by default.
     pub capture: Duration,
-    /// For everything else: half a minute by default, many times the longest frame deadline.
+    /// For everything else: half a minute by default, many times the longest frame deadline, from
+    /// each message on that its files are still being baked.
     pub other: Duration,
 }
 

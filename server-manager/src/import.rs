@@ -26,7 +26,7 @@ const BAKE_TIME_MAX: Duration = Duration::from_mins(30);
 
 /// Maximum time between two reports of a bake's progress: who waits can tell a long step from a
 /// manager that hangs.
-const SILENCE_MAX: Duration = Duration::from_secs(5);
+pub(crate) const SILENCE_MAX: Duration = Duration::from_secs(5);
 
 /// Maximum bytes of a baker's output that are read: a line, or its reason for failing.
 const BAKE_OUTPUT_BYTES_MAX: u64 = 64 << 10;

@@ -319,9 +319,7 @@ impl EventLoop {
                 }
                 Some(imported) = self.imported.1.recv() => self.handle_imported(imported),
                 Some(baked) = self.baked_assets.1.recv() => self.handle_baked_assets(baked),
-                Some((job, progress)) = self.progress.1.recv() => {
-                    self.tell(self.now(), Input::Progress { job, progress });
-                }
+                Some(baking) = self.progress.1.recv() => self.handle_progress(baking),
                 Some(found) = self.queries.found() => self.handle_found(found),
                 () = progress_of(&mut self.keeper) => {}
                 () = wait_for_news(self.turns.queues().clone()) => {}

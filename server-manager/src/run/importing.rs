@@ -1,6 +1,7 @@
 //! Scenes that are baked beside the loop of the manager, and what is told of them.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use polyptych_core::{ClientRequest, ImportedSession, Input, SessionId};
 use polyptych_files::blob::{BlobHash, BlobStore};
@@ -16,7 +17,7 @@ use tracing::Instrument;
 
 use super::EventLoop;
 use super::saving::{NO_STORE, Stores};
-use crate::import::{self, Baker, Import};
+use crate::import::{self, Baker, Import, SILENCE_MAX};
 use crate::{assets, environment};
 
 /// Maximum number of requests of one client whose files are being baked.
@@ -53,6 +54,18 @@ async fn bake_while_connected<T>(
     };
     let gone = || Err("the client has closed its connection".into());
     close.run_until_cancelled(work).await.unwrap_or_else(gone)
+}
+
+/// Does work, and calls `tell` after each `period` until it is done: a client that waits can tell
+/// a long queue from a manager that hangs.
+async fn tell_while<T>(work: impl Future<Output = T>, period: Duration, tell: impl Fn()) -> T {
+    let mut work = std::pin::pin!(work);
+    loop {
+        match tokio::time::timeout(period, &mut work).await {
+            Ok(done) => return done,
+            Err(_) => tell(),
+        }
+    }
 }
 
 /// A request whose files were baked.
@@ -154,14 +167,30 @@ impl EventLoop {
         }
         let Some(seat) = self.clients.get(&job.client) else { return };
         let close = seat.link.close.clone();
+        let baking = self.progress.0.clone();
         self.asset_bakes.push(job);
         let (done, turns) = (self.baked_assets.0.clone(), Arc::clone(&self.bakes));
         let work = async move {
-            let result = bake_while_connected(&close, &turns, bake).await;
+            let tell = || {
+                let progress = OpenProgress { stage: OpenStage::Baking, percent: 0 };
+                // Where the manager is behind, the next one is as good.
+                let _ = baking.try_send((job, progress));
+            };
+            let bake = bake_while_connected(&close, &turns, bake);
+            let result = tell_while(bake, SILENCE_MAX, tell).await;
             // The manager may have ended meanwhile.
             let _ = done.send(BakedRequest { job, result }).await;
         };
         tokio::spawn(work.instrument(self.cluster.request_span(job)));
+    }
+
+    /// Passes on how far a bake has come. The core knows those of scenes only.
+    pub(super) fn handle_progress(&mut self, (job, progress): Baking) {
+        if self.asset_bakes.contains(&job) {
+            self.answer(job.client, MessageToClient::Progress { id: job.id, progress });
+        } else {
+            self.tell(self.now(), Input::Progress { job, progress });
+        }
     }
 
     pub(super) fn handle_baked_assets(&mut self, baked: BakedRequest) {
@@ -198,13 +227,13 @@ impl EventLoop {
         let baking = self.progress.0.clone();
         let (turns, saved) = (Arc::clone(&self.bakes), self.stores.clone());
         let work = async move {
-            // Nobody closes it, so there is always a turn.
-            let _turn = turns.acquire().await;
             let tell = |percent| {
                 let progress = OpenProgress { stage: OpenStage::Baking, percent };
                 // Where the manager is behind, the next one is as good.
                 let _ = baking.try_send((job, progress));
             };
+            // Nobody closes it, so there is always a turn.
+            let _turn = tell_while(turns.acquire(), SILENCE_MAX, || tell(0)).await;
             let result = match path.strip_prefix(SAVED_PREFIX) {
                 Some(_) if scene.is_some() => Err(format!(
                     "{path} is one scene, as it was saved; open it without the name of another"
@@ -243,7 +272,28 @@ impl EventLoop {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
+
     use super::*;
+
+    #[tokio::test]
+    async fn a_wait_for_a_turn_is_told_of_again_and_again_and_keeps_its_place() {
+        let turns = Semaphore::new(1);
+        let first = turns.acquire().await.expect("a turn");
+        let told = Cell::new(0);
+        let tell = || told.set(told.get() + 1);
+        let second = tell_while(turns.acquire(), Duration::from_millis(1), tell);
+        let others = async {
+            while told.get() < 3 {
+                tokio::task::yield_now().await;
+            }
+            assert!(turns.try_acquire().is_err());
+            drop(first);
+            assert!(turns.try_acquire().is_err(), "it is the second one's");
+        };
+        let (turn, ()) = tokio::join!(second, others);
+        assert!(turn.is_ok());
+    }
 
     #[tokio::test]
     async fn a_bake_ends_and_gives_up_its_turn_once_its_client_is_gone() {
