@@ -15,7 +15,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::ids::Epoch;
+use crate::ids::{Epoch, Term};
 use crate::limits::PROTOCOL_VERSION;
 
 /// Bytes of a [`Preamble`].
@@ -263,6 +263,8 @@ pub struct Rejection {
 pub struct Welcome {
     /// This life of the manager.
     pub epoch: Epoch,
+    /// The manager's term; a render server refuses a smaller one than it has seen.
+    pub term: Term,
     /// Names this connection; a server's bulk connection gives it back.
     pub session: u64,
     /// The wall's name.

@@ -266,7 +266,7 @@ fn widen<S>(mut frames: MessageStream<S>, role: Role) -> MessageStream<S> {
 mod tests {
     use super::*;
     use crate::handshake::{ClientHello, Secret};
-    use crate::ids::Epoch;
+    use crate::ids::{Epoch, Term};
 
     fn hello() -> Hello {
         Hello::Client(ClientHello { name: "test".into() })
@@ -283,7 +283,13 @@ mod tests {
     #[test]
     fn two_ends_come_together() {
         let (ours, theirs) = tokio::io::duplex(4096);
-        let given = Welcome { epoch: Epoch(7), session: 1, wall: "w".into(), heartbeat_ms: 2000 };
+        let given = Welcome {
+            epoch: Epoch(7),
+            term: Term(3),
+            session: 1,
+            wall: "w".into(),
+            heartbeat_ms: 2000,
+        };
         let expected = given.clone();
         run(async {
             let manager = async {

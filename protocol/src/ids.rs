@@ -19,6 +19,13 @@ pub struct RequestId(pub u64);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Epoch(pub u64);
 
+/// The number of times that a wall's lease was taken, up to the manager that leads: it rises with
+/// each. 0 where managers share no lease.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
+pub struct Term(pub u64);
+
 /// The number of changes applied to the replicated state.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
@@ -38,7 +45,7 @@ macro_rules! display_number {
         }
     )*};
 }
-display_number!(FrameId, RequestId, Revision);
+display_number!(FrameId, RequestId, Term, Revision);
 
 macro_rules! display_hex {
     ($($name:ident),*) => {$(

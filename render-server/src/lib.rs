@@ -28,6 +28,7 @@ mod reduced_grid;
 mod render_event;
 mod render_thread;
 mod run;
+mod term_guard;
 mod touch;
 mod watched_store;
 mod window;

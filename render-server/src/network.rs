@@ -32,6 +32,7 @@ use crate::loader::{LoadOrder, LoaderLink};
 use crate::render_event::RenderEvent;
 use crate::render_thread::RenderTask;
 use crate::run::{ServerError, ServerOptions, Shutdown};
+use crate::term_guard::TermGuard;
 
 /// First and maximum wait before another try. The first is short: a restarted manager should find
 /// its wall again at once; the longest keeps a dark wall from flooding a manager that starts.
@@ -107,6 +108,7 @@ pub(crate) struct Network {
     pub reports: mpsc::Sender<RenderEvent>,
     pub waiting_reports: mpsc::Receiver<RenderEvent>,
     pub clock: Arc<Clock>,
+    pub terms: TermGuard,
     /// This machine's, as the manager sees it.
     pub address: Option<SocketAddr>,
 }
@@ -230,14 +232,16 @@ impl Network {
         }
     }
 
-    async fn connect(&self) -> Result<(MessageStream<Stream>, Welcome), End> {
+    async fn connect(&mut self) -> Result<(MessageStream<Stream>, Welcome), End> {
         let hello = Hello::Server(ServerHello {
             name: self.options.name.clone(),
             channels: self.options.channels.clone(),
             pid: std::process::id(),
             adapter: self.adapter.clone(),
         });
-        self.introduce(Role::Server, &hello).await
+        let (frames, welcome) = self.introduce(Role::Server, &hello).await?;
+        self.terms.admit(welcome.term).map_err(End::failed)?;
+        Ok((frames, welcome))
     }
 
     async fn introduce(

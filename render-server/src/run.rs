@@ -31,6 +31,7 @@ use crate::render_event::RenderEvent;
 use crate::render_thread::{
     DrawOptions, JOBS_MAX, Queues, RenderTask, RenderThread, SendMonitorNames,
 };
+use crate::term_guard::TermGuard;
 use crate::window::{self, Ended, Links, Message, WindowWish, Windows};
 
 /// Reports that wait for the network.
@@ -335,6 +336,7 @@ impl Threads {
                 reports,
                 waiting_reports,
                 clock,
+                terms: TermGuard::default(),
                 address: None,
             };
             let result = network::run(network, shutdown, &stop);

@@ -28,7 +28,7 @@ use polyptych_core::{self, ClientRequest, Effect, Input, Micros, SessionId};
 use polyptych_files::blob::BlobStore;
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::handshake::Welcome;
-use polyptych_protocol::ids::Epoch;
+use polyptych_protocol::ids::{Epoch, Term};
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::service_notifier::ServiceNotifier;
 use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
@@ -382,6 +382,7 @@ impl EventLoop {
     fn welcome(&self, session: SessionId) -> Welcome {
         Welcome {
             epoch: self.cluster.epoch(),
+            term: Term::default(),
             session: session.0,
             wall: self.options.wall.name.clone(),
             heartbeat_ms: self.options.wall.heartbeat_ms,

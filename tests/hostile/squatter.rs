@@ -9,7 +9,7 @@ use std::time::Duration;
 use polyptych_protocol::handshake::{
     HelloReply, Introduction, Nonces, Preamble, Role, Secret, Welcome,
 };
-use polyptych_protocol::ids::Epoch;
+use polyptych_protocol::ids::{Epoch, Term};
 
 use crate::harness::place::TestDir;
 
@@ -48,7 +48,13 @@ fn pose(mut stream: TcpStream, heard: &mut Vec<u8>) {
         polyptych_protocol::framing::decode(&message).expect("an introduction");
     let nonces = Nonces { manager: nonce, peer: introduction.nonce };
     let proof = nonces.proof_of_manager(&Secret("0123456789abcdef".into()));
-    let given = Welcome { epoch: Epoch(1), session: 1, wall: "w".into(), heartbeat_ms: 2000 };
+    let given = Welcome {
+        epoch: Epoch(1),
+        term: Term::default(),
+        session: 1,
+        wall: "w".into(),
+        heartbeat_ms: 2000,
+    };
     let answer =
         polyptych_codec::framed(&polyptych_codec::encode(&HelloReply::Welcome(given, proof)));
     stream.write_all(&answer).expect("written");

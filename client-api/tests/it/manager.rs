@@ -41,7 +41,13 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Manager<S> {
         let Introduced { mut frames, hello, is_proven, proof } = introduced.expect("introduced");
         let Hello::Client(hello) = hello else { panic!("no client: {hello:?}") };
         assert_eq!((hello.name.as_str(), is_proven), ("test", true));
-        let given = Welcome { epoch: Epoch(7), session: 1, wall: "lab".into(), heartbeat_ms: 2000 };
+        let given = Welcome {
+            epoch: Epoch(7),
+            term: polyptych_protocol::ids::Term::default(),
+            session: 1,
+            wall: "lab".into(),
+            heartbeat_ms: 2000,
+        };
         accept(&mut frames, given, proof).await.expect("welcomed");
         Self { frames }
     }

@@ -31,7 +31,13 @@ async fn manager_on(listener: &TcpListener, epoch: u64, wall: &str) -> Manager<T
     let introduced = receive_hello(stream, &Secret(TOKEN.into())).await;
     let Introduced { mut frames, proof, .. } = introduced.expect("introduced");
     let wall = wall.to_owned();
-    let given = Welcome { epoch: Epoch(epoch), session: 1, wall, heartbeat_ms: 2000 };
+    let given = Welcome {
+        epoch: Epoch(epoch),
+        term: polyptych_protocol::ids::Term::default(),
+        session: 1,
+        wall,
+        heartbeat_ms: 2000,
+    };
     accept(&mut frames, given, proof).await.expect("welcomed");
     Manager { frames }
 }

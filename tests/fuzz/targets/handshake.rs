@@ -7,7 +7,7 @@ use std::cell::RefCell;
 use libfuzzer_sys::fuzz_target;
 use polyptych_protocol::connection::{Introduced, introduce, receive_introduction, refuse, welcome};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret, Welcome};
-use polyptych_protocol::ids::Epoch;
+use polyptych_protocol::ids::{Epoch, Term};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::runtime::{Builder, Runtime};
 
@@ -38,7 +38,13 @@ async fn manager(stream: DuplexStream) {
         let _ = refuse(&mut frames, "no".to_owned()).await;
         return;
     }
-    let given = Welcome { epoch: Epoch(7), session: 1, wall: "w".into(), heartbeat_ms: 2000 };
+    let given = Welcome {
+        epoch: Epoch(7),
+        term: Term::default(),
+        session: 1,
+        wall: "w".into(),
+        heartbeat_ms: 2000,
+    };
     let _ = welcome(&mut frames, given, proof).await;
 }
 

@@ -19,7 +19,7 @@ use polyptych_protocol::handshake::{
     Adapter, BulkHello, ClientHello, Hello, HelloReply, Introduction, Nonces, Rejection, Secret,
     ServerHello, Welcome,
 };
-use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
+use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision, Term};
 use polyptych_protocol::navigation::{Flight, Navigation};
 use polyptych_protocol::node_query::{NearestQuery, NodeKind, NodeQuery, RayQuery};
 use polyptych_protocol::output_mode::OutputMode;
@@ -119,7 +119,13 @@ fn greetings() -> Vec<HelloReply> {
     vec![
         HelloReply::Refused(Rejection { reason: "no".into() }),
         HelloReply::Welcome(
-            Welcome { epoch: EPOCH, session: 2, wall: "seed".into(), heartbeat_ms: 2000 },
+            Welcome {
+                epoch: EPOCH,
+                term: Term::default(),
+                session: 2,
+                wall: "seed".into(),
+                heartbeat_ms: 2000,
+            },
             nonces().proof_of_manager(&Secret(TOKEN.into())),
         ),
     ]
