@@ -24,6 +24,19 @@ impl StateLock {
     /// # Errors
     /// Another manager holds it, with its process id; or a state file cannot be there.
     pub fn take(state: &Path) -> anyhow::Result<Self> {
+        Self::lock(state, false)
+    }
+
+    /// Takes the lock of a state file that managers share, of which one leads by a lease. None of
+    /// them runs beside a manager that has the file alone.
+    ///
+    /// # Errors
+    /// Those of [`take`](Self::take).
+    pub fn share(state: &Path) -> anyhow::Result<Self> {
+        Self::lock(state, true)
+    }
+
+    fn lock(state: &Path, is_shared: bool) -> anyhow::Result<Self> {
         let named = || format!("--state {}", state.display());
         if state.symlink_metadata().is_ok() {
             output_file::check(state).with_context(named)?;
@@ -38,13 +51,13 @@ impl StateLock {
         let mut options = OpenOptions::new();
         let options = options.read(true).write(true).create(true).truncate(false);
         let mut file = options.open(&path).with_context(|| path.display().to_string())?;
-        match file.try_lock() {
+        match if is_shared { file.try_lock_shared() } else { file.try_lock() } {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
                 let holder = holder(&mut file);
                 bail!(
-                    "{}: {holder} keeps its state there (it holds {}); end it, or name another \
-                     file with --state",
+                    "{}: {holder} keeps its state there (it holds {}); end it, name another \
+                     file with --state, or give both --standby",
                     state.display(),
                     path.display()
                 );
@@ -96,6 +109,9 @@ mod tests {
             assert!(refused.contains(part), "{part}: {refused}");
         }
         drop(held);
+        let shared = [0, 1].map(|_| StateLock::share(&state).expect("shared"));
+        StateLock::take(&state).expect_err("two have it");
+        drop(shared);
         // What a killed process left is no obstacle.
         fs::write(lock_path(&state), "not a number").expect("written");
         StateLock::take(&state).expect("free again");

@@ -48,6 +48,8 @@ pub struct LeaseRecord {
     pub lease_ms: u64,
     /// `true` if the holder ended in order, so that the lease may be taken at once.
     pub is_released: bool,
+    /// `true` if a client stopped the wall, so that managers that wait end too.
+    pub is_stopped: bool,
 }
 
 /// The part of one manager in the lease.
@@ -110,7 +112,8 @@ impl Contender {
         let (term, renewal) = next;
         self.state = State::Holding { term, valid_until: now + self.lease_time * 2 / 3 };
         let (holder, lease_ms) = (self.name.clone(), self.lease_time.as_millis() as u64);
-        Some(LeaseRecord { term, renewal, holder, lease_ms, is_released: false })
+        let (is_released, is_stopped) = (false, false);
+        Some(LeaseRecord { term, renewal, holder, lease_ms, is_released, is_stopped })
     }
 
     /// Gives the lease up: returns the record to write, under the lock under which `found` was

@@ -15,6 +15,7 @@ mod entry_store;
 mod environment;
 pub mod http;
 pub mod import;
+pub mod leadership;
 pub mod lease;
 mod mesh_walk;
 mod metrics;

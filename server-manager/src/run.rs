@@ -3,6 +3,7 @@
 mod capturing;
 mod clients;
 mod day_clock;
+mod error;
 mod exporting;
 mod importing;
 mod life_signs;
@@ -20,6 +21,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clients::{ClientSeat, progress_of, wait_for_news};
+pub use error::ManagerError;
 use importing::{BakedRequest, Baking, Imported};
 use life_signs::LifeSigns;
 use network::Network;
@@ -28,7 +30,7 @@ use polyptych_core::{self, ClientRequest, Effect, Input, Micros, SessionId};
 use polyptych_files::blob::BlobStore;
 use polyptych_protocol::command::{Command, Goodbye};
 use polyptych_protocol::handshake::Welcome;
-use polyptych_protocol::ids::{Epoch, Term};
+use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::service_notifier::ServiceNotifier;
 use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
@@ -42,6 +44,7 @@ use crate::bulk::{BlobAllowlist, PictureOf};
 use crate::capture::{CaptureBudget, CaptureJob, GeometryCache};
 use crate::http::HttpOptions;
 use crate::import::Baker;
+use crate::leadership::{self, Leadership};
 use crate::recorded_cluster::RecordedCluster;
 use crate::recorder::Recorder;
 use crate::requests::Turns;
@@ -80,6 +83,9 @@ pub struct ManagerOptions {
     /// The file in which the open scene and the camera are remembered over a restart; `None` for
     /// a wall that begins afresh each time.
     pub memory: Option<PathBuf>,
+    /// The lease of a wall that several managers share; without it this manager commands and
+    /// writes nothing.
+    pub leadership: Option<Leadership>,
     /// `true` if the mouse over a window of a server moves the wall's camera.
     pub is_navigable: bool,
     /// The recorder of all that the core is told, if there is one.
@@ -90,35 +96,6 @@ pub struct ManagerOptions {
     pub http: Option<HttpOptions>,
     /// The supervisor that is told that the manager listens, works and ends, if there is one.
     pub notifier: Option<ServiceNotifier>,
-}
-
-/// Why a manager could not run.
-#[derive(Debug, thiserror::Error)]
-pub enum ManagerError {
-    /// The system gave no random number for the epoch.
-    #[error("the system gives no random numbers: {0}")]
-    Random(getrandom::Error),
-    /// Its keys are not to be used.
-    #[error(transparent)]
-    Keys(#[from] CredentialsError),
-    /// A file of its wall was not baked.
-    #[error("the wall's file {0} was not baked")]
-    WallFile(String),
-    /// The path of its state file is taken by something else.
-    #[error("{0}")]
-    State(String),
-    /// The listening socket failed.
-    #[error("the listening socket failed: {0}")]
-    Listener(std::io::Error),
-    /// The system gave no thread.
-    #[error("the system gives no thread: {0}")]
-    Thread(std::io::Error),
-    /// The metrics could not be offered.
-    #[error("the metrics cannot be offered: {0}")]
-    Metrics(std::io::Error),
-    /// The HTTP transport could not begin.
-    #[error("HTTP cannot be offered: {0}")]
-    Http(std::io::Error),
 }
 
 /// Runs a manager until a client stops it or `shutdown` is ready, and returns which.
@@ -169,16 +146,25 @@ pub async fn run(
     };
     let network = Network::start(listener, door).map_err(ManagerError::Listener)?;
     hub.life_signs.ready();
+    let leadership = hub.options.leadership.clone();
+    let shutdown = leadership::until_lost(leadership.as_ref(), shutdown);
     let goodbye = hub.turn(&mut inbox, shutdown).await;
     hub.life_signs.stopping();
     network.close_door();
     drop(metrics);
+    if let Some(reason) = leadership.as_ref().and_then(Leadership::lost_reason) {
+        hub.shut_down(&Goodbye::closed(reason)).await;
+        return Err(ManagerError::LeaseLost(reason.to_owned()));
+    }
     if let Some(Stopping::WithServers(job)) = hub.stopping {
         hub.stop_servers(job, &mut inbox).await;
     }
     hub.settle_answers().await;
     hub.shut_down(&goodbye).await;
-    drop(http);
+    drop((http, network));
+    if let Some(leadership) = leadership {
+        leadership.release_after(&goodbye);
+    }
     Ok(goodbye)
 }
 
@@ -382,7 +368,7 @@ impl EventLoop {
     fn welcome(&self, session: SessionId) -> Welcome {
         Welcome {
             epoch: self.cluster.epoch(),
-            term: Term::default(),
+            term: self.options.leadership.as_ref().map(Leadership::term).unwrap_or_default(),
             session: session.0,
             wall: self.options.wall.name.clone(),
             heartbeat_ms: self.options.wall.heartbeat_ms,
@@ -434,6 +420,11 @@ impl EventLoop {
         }
     }
 
+    /// Returns whether this manager may command; otherwise the loop ends at its next turn.
+    fn leads(&self) -> bool {
+        self.options.leadership.as_ref().is_none_or(Leadership::is_held)
+    }
+
     /// Tells the core what it cannot refuse.
     fn tell(&mut self, now: Micros, input: Input) {
         // Only servers are refused, where they join.
@@ -455,6 +446,9 @@ impl EventLoop {
 
     /// Does what the core wants done.
     fn carry_out(&mut self) {
+        if !self.leads() {
+            return;
+        }
         while let Some(output) = self.cluster.poll_effect() {
             match output {
                 Effect::Command { to, command } => {

@@ -18,9 +18,12 @@ use std::path::{Path, PathBuf};
 use disk::{Disk, System};
 use polyptych_core::PersistentState;
 use polyptych_files::blob::BlobHash;
+use polyptych_protocol::ids::Term;
 use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
 use polyptych_wall::Wall;
 pub(crate) use reconcile::{Reconciled, reconcile};
+
+use crate::leadership::Leadership;
 
 /// Maximum size of a file that is read: a few hundred bytes, the wall, and what was tuned of it.
 /// A wall fits into a message, tuned or not.
@@ -48,6 +51,8 @@ pub(crate) struct StateFile {
     path: PathBuf,
     /// The wall without paths, encoded.
     wall: Vec<u8>,
+    /// The lease without which nothing is written, if managers share this state.
+    fence: Option<Leadership>,
 }
 
 /// Checks that this may be the file of a manager, or become it.
@@ -121,7 +126,13 @@ fn decode(bytes: &[u8]) -> Result<Saved, String> {
 impl StateFile {
     /// The state file of this wall at this path; written by [`save`](Self::save) only.
     pub fn new(path: PathBuf, wall: &Wall) -> Self {
-        Self { path, wall: polyptych_codec::encode(&wall.without_paths()).to_vec() }
+        let wall = polyptych_codec::encode(&wall.without_paths()).to_vec();
+        Self { path, wall, fence: None }
+    }
+
+    /// The same file, written only while this manager leads.
+    pub fn with_fence(self, fence: Option<Leadership>) -> Self {
+        Self { fence, ..self }
     }
 
     /// Returns the path of the file.
@@ -149,23 +160,42 @@ impl StateFile {
         disk.make_folder(folder)?;
         let saved = [&self.wall[..], &polyptych_codec::encode(memory)].concat();
         let bytes = [&MAGIC[..], &BlobHash::of(&saved).0, &saved].concat();
-        // Always the same name, so that a killed manager leaves one such file at most: no other
-        // manager has this state.
-        let mut name = OsString::from(".");
-        name.push(self.path.file_name().unwrap_or_default());
-        name.push(".new");
-        let new = folder.join(name);
+        let new = folder.join(self.new_name(self.fence.as_ref().map(Leadership::term)));
         let mut file = disk.create(&new)?;
         disk.write(&mut file, &bytes)?;
         // Always: after a power cut a name may lead to content that was not on the disk yet, and
         // what was durable before would be lost with it.
         disk.sync(&file)?;
-        disk.rename(&new, &self.path)?;
+        match &self.fence {
+            Some(fence) => fence.fenced(|| disk.rename(&new, &self.path))?,
+            None => disk.rename(&new, &self.path)?,
+        }
         if is_durable {
             // The name is in the folder.
             disk.sync_names(folder)?;
         }
         Ok(())
+    }
+
+    /// The name of a file that is being written. It is always the same, so that a killed manager
+    /// leaves one such file at most; leaders of one wall have a name each, since one that was
+    /// stopped may go on writing.
+    fn new_name(&self, term: Option<Term>) -> OsString {
+        let mut name = OsString::from(".");
+        name.push(self.path.file_name().unwrap_or_default());
+        if let Some(term) = term {
+            name.push(format!(".{term}"));
+        }
+        name.push(".new");
+        name
+    }
+
+    /// Removes what the leader before this one may have left half written.
+    pub fn remove_abandoned(&self) {
+        let Some(fence) = &self.fence else { return };
+        let before = Term(fence.term().0.saturating_sub(1));
+        // Most leaders leave none.
+        let _ = fs::remove_file(self.path.with_file_name(self.new_name(Some(before))));
     }
 
     /// Keeps the file as it is under a name of its own, in the place of an older such copy.

@@ -1,11 +1,17 @@
 //! `polyptych manager`: the one process of a wall that decides.
 
+mod standby;
+
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::pin::pin;
+use std::time::Duration;
 
 use anyhow::{Context, bail};
 use polyptych_baker::BakeCache;
+use polyptych_manager::http::HttpOptions;
 use polyptych_manager::import::Baker;
+use polyptych_manager::lease::LEASE_TIME_DEFAULT;
 use polyptych_manager::recorder::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::command::Goodbye;
@@ -41,6 +47,15 @@ pub(super) struct Arguments {
     /// user's state folder, by the wall's name and the port]
     #[arg(long, value_name = "FILE", conflicts_with = "afresh")]
     state: Option<PathBuf>,
+    /// Share the wall with other managers that have the same state file, on any machines: one
+    /// leads, the others wait and take over once it is gone. Give each this flag, and servers and
+    /// clients the addresses of all
+    #[arg(long, requires = "state")]
+    standby: bool,
+    /// Seconds after which a leader of which nothing is heard is replaced, from 0.2 to 60
+    /// [default: 1]
+    #[arg(long, value_name = "SECONDS", value_parser = standby::lease_time, requires = "standby")]
+    lease_time: Option<Duration>,
     /// Begin without a scene, whatever the last manager of this wall showed
     #[arg(long)]
     afresh: bool,
@@ -88,42 +103,53 @@ pub(super) const WALL_STOPPED: &str = "wall stopped";
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let mut wall = load_wall(&arguments.wall)?;
-    let listen = arguments.listen.unwrap_or_else(|| wall.listen.clone());
+    let listen = arguments.listen.clone().unwrap_or_else(|| wall.listen.clone());
     if let Some(folder) = &arguments.keys {
         Credentials::load(folder)?.expect_identity(&NodeIdentity::Manager)?;
     }
-    let may_be_open = arguments.keys.is_some() || arguments.insecure;
-    let listener = match inherited_listener(may_be_open)? {
-        Some(listener) => listener,
-        None => bind(&listen, may_be_open)?,
-    };
-    let metrics = arguments.metrics.map(|at| bind_metrics(&at, arguments.insecure)).transpose()?;
-    let http = arguments.http.map(|at| http::bind(&at, may_be_open, arguments.http_host));
-    let http = http.transpose()?;
+    let mut listeners = Listeners::inherit_or_bind(&arguments, &listen)?;
+    let address = listeners.main.local_addr()?;
     let token = match &arguments.token_file {
         Some(path) => path.clone(),
         None => token::default_path()?,
     };
-    let scene_roots = scene_roots(&wall, arguments.scenes)?;
-    let store = match arguments.store {
-        Some(store) => store,
+    let scene_roots = scene_roots(&wall, &arguments.scenes)?;
+    let store = match &arguments.store {
+        Some(store) => store.clone(),
         None => cache_folder()?.join("store"),
     };
     let baker = baker(store, arguments.bake_memory_mib)?;
     log_file_warnings(&bake_files(&mut wall, &arguments.wall, &baker)?);
-    let memory = match (arguments.state, arguments.afresh) {
-        (Some(state), _) => Some(state),
+    let memory = match (&arguments.state, arguments.afresh) {
+        (Some(state), _) => Some(state.clone()),
         (None, true) => None,
         // Beside the token: what a user's managers keep stands in one folder. Two managers of one
         // wall have two ports.
         (None, false) => {
-            let port = listener.local_addr()?.port();
+            let port = address.port();
             Some(token.with_file_name(format!("{}-{port}.state", file_name(&wall.name))))
         }
     };
-    let _lock = memory.as_deref().map(StateLock::take).transpose()?;
+    let lock = if arguments.standby { StateLock::share } else { StateLock::take };
+    let _lock = memory.as_deref().map(lock).transpose()?;
+    let notifier = ServiceNotifier::from_environment(arguments.alive.as_deref())?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let mut is_asked_to_end = pin!(shutdown_signal(arguments.with_parent)?);
+    let mut leadership = None;
+    if let Some(state) = memory.as_deref().filter(|_| arguments.standby) {
+        // Who does not lead accepts nothing, so that peers go on to the manager that does.
+        drop(listeners);
+        let time = arguments.lease_time.unwrap_or(LEASE_TIME_DEFAULT);
+        let end = is_asked_to_end.as_mut();
+        leadership = standby::wait(&runtime, state, address, time, notifier.as_ref(), end)?;
+        if leadership.is_none() {
+            return Ok(());
+        }
+        listeners = Listeners::bind(&arguments, &listen, None)?;
+    }
+    let Listeners { main: listener, metrics, http } = listeners;
     // Whoever sits before a display of another machine is not asked for the camera.
-    let is_own = listener.local_addr()?.ip().is_loopback() && arguments.keys.is_none();
+    let is_own = address.ip().is_loopback() && arguments.keys.is_none();
     let is_navigable = arguments.navigate.unwrap_or(is_own);
     let options = ManagerOptions {
         wall,
@@ -133,15 +159,28 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         scene_roots,
         baker,
         memory,
+        leadership,
         is_navigable,
         recorder: arguments.record.as_deref().map(Recorder::open).transpose()?,
         metrics,
         http,
-        notifier: ServiceNotifier::from_environment(arguments.alive.as_deref())?,
+        notifier,
     };
-    let is_asked_to_end = shutdown_signal(arguments.with_parent)?;
-    let address = listener.local_addr()?;
-    let secret = options.keys.as_ref().unwrap_or(&token).display();
+    log_addresses(&options, address, &token)?;
+    let goodbye = runtime.block_on(run_manager(listener, options, is_asked_to_end))?;
+    if arguments.with_parent && goodbye != Goodbye::Ended {
+        say(WALL_STOPPED)?;
+    }
+    Ok(())
+}
+
+/// Logs where this manager is reached, and by what.
+fn log_addresses(
+    options: &ManagerOptions,
+    address: SocketAddr,
+    token: &Path,
+) -> anyhow::Result<()> {
+    let secret = options.keys.as_deref().unwrap_or(token).display();
     let peers_need = if options.keys.is_some() { "keys" } else { "token" };
     let wall = &options.wall.name;
     tracing::info!(%address, wall, peers_need, %secret, "manager listens");
@@ -153,12 +192,43 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         let url = http::url(http.listener.local_addr()?, options.keys.is_some());
         tracing::info!(%url, "HTTP is offered; polyptych login prints a link");
     }
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let goodbye = runtime.block_on(run_manager(listener, options, is_asked_to_end))?;
-    if arguments.with_parent && goodbye != Goodbye::Ended {
-        say(WALL_STOPPED)?;
-    }
     Ok(())
+}
+
+/// The sockets of a manager.
+struct Listeners {
+    main: TcpListener,
+    metrics: Option<TcpListener>,
+    http: Option<HttpOptions>,
+}
+
+impl Listeners {
+    fn inherit_or_bind(arguments: &Arguments, listen: &str) -> anyhow::Result<Self> {
+        let inherited = inherited_listener(arguments.keys.is_some() || arguments.insecure)?;
+        if inherited.is_some() && arguments.standby {
+            bail!(
+                "a socket of the service manager takes connections while --standby waits; remove \
+                 the socket unit, or --standby"
+            );
+        }
+        Self::bind(arguments, listen, inherited)
+    }
+
+    fn bind(
+        arguments: &Arguments,
+        listen: &str,
+        inherited: Option<TcpListener>,
+    ) -> anyhow::Result<Self> {
+        let may_be_open = arguments.keys.is_some() || arguments.insecure;
+        let main = match inherited {
+            Some(listener) => listener,
+            None => bind(listen, may_be_open)?,
+        };
+        let metrics = arguments.metrics.as_ref().map(|at| bind_metrics(at, arguments.insecure));
+        let hosts = || arguments.http_host.clone();
+        let http = arguments.http.as_ref().map(|at| http::bind(at, may_be_open, hosts()));
+        Ok(Self { main, metrics: metrics.transpose()?, http: http.transpose()? })
+    }
 }
 
 /// The socket that a service manager has bound for this process, if there is one.
@@ -181,7 +251,7 @@ fn inherited_listener(may_be_open: bool) -> anyhow::Result<Option<TcpListener>> 
 }
 
 /// The folders of the wall file and those of the command.
-fn scene_roots(wall: &Wall, asked: Vec<PathBuf>) -> anyhow::Result<Vec<PathBuf>> {
+fn scene_roots(wall: &Wall, asked: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut roots: Vec<PathBuf> = wall.scenes.iter().map(PathBuf::from).collect();
     for folder in roots.iter().filter(|folder| !folder.is_dir()) {
         tracing::warn!(
@@ -192,7 +262,7 @@ fn scene_roots(wall: &Wall, asked: Vec<PathBuf>) -> anyhow::Result<Vec<PathBuf>>
     if let Some(folder) = asked.iter().find(|folder| !folder.is_dir()) {
         bail!("--scenes {}: not a folder", folder.display());
     }
-    roots.extend(asked);
+    roots.extend_from_slice(asked);
     Ok(roots)
 }
 
@@ -218,7 +288,7 @@ pub(super) fn default_baker() -> anyhow::Result<Baker> {
 }
 
 /// The token in this file, which is made where it is not there.
-pub(super) fn make_token(path: &std::path::Path) -> anyhow::Result<String> {
+pub(super) fn make_token(path: &Path) -> anyhow::Result<String> {
     let mut secret = [0; 16];
     getrandom::fill(&mut secret).map_err(|error| anyhow::anyhow!("no random numbers: {error}"))?;
     Ok(token::read_or_create(path, secret)?)

@@ -114,6 +114,7 @@ fn measure_ours(
             scene_roots: Vec::new(),
             baker: Baker { program: "true".into(), memory_mib: 1, store: std::env::temp_dir() },
             memory: None,
+            leadership: None,
             is_navigable: false,
             recorder,
             metrics: None,

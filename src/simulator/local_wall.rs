@@ -122,6 +122,7 @@ impl LocalWall {
             scene_roots,
             baker,
             memory: None,
+            leadership: None,
             is_navigable: windows,
             recorder,
             metrics: None,

@@ -35,6 +35,7 @@ pub(super) fn start_manager(wall: Wall, place: &TestDir) -> (String, Arc<Notify>
         scene_roots: roots,
         baker,
         memory: None,
+        leadership: None,
         is_navigable: false,
         recorder: None,
         metrics: None,

@@ -57,6 +57,7 @@ fn start_manager() -> (SocketAddr, Arc<Notify>, JoinHandle<()>) {
         scene_roots,
         baker,
         memory,
+        leadership: None,
         is_navigable: false,
         recorder,
         metrics,

@@ -125,7 +125,7 @@ impl LeaseFile {
         Ok(())
     }
 
-    fn failed(&self, source: io::Error) -> LeaseFileError {
+    pub(crate) fn failed(&self, source: io::Error) -> LeaseFileError {
         LeaseFileError::Io { path: self.path.clone(), source }
     }
 
@@ -140,7 +140,8 @@ mod tests {
 
     fn record(term: u64) -> LeaseRecord {
         let holder = "a".to_owned();
-        LeaseRecord { term, renewal: 0, holder, lease_ms: 1000, is_released: false }
+        let (is_released, is_stopped) = (false, false);
+        LeaseRecord { term, renewal: 0, holder, lease_ms: 1000, is_released, is_stopped }
     }
 
     #[test]

@@ -68,6 +68,9 @@ impl EventLoop {
 
     /// Serves the requests that wait, in turn and within the budget.
     pub(super) fn serve_clients(&mut self) {
+        if !self.leads() {
+            return;
+        }
         loop {
             let now = self.now();
             let clients = &self.clients;

@@ -24,7 +24,12 @@ pub(super) fn start_cluster(
 ) -> (RecordedCluster, Option<StateFile>) {
     let (wall, is_navigable) = (options.wall.clone(), options.is_navigable);
     let recorder = options.recorder.take();
-    let state = options.memory.clone().map(|path| StateFile::new(path, &wall));
+    let fence = options.leadership.clone();
+    let state = options.memory.clone();
+    let state = state.map(|path| StateFile::new(path, &wall).with_fence(fence));
+    if let Some(state) = &state {
+        state.remove_abandoned();
+    }
     let saved = state.as_ref().and_then(|state| state_file::load(state.path()));
     let (Some(state), Some(saved)) = (&state, saved) else {
         return (

@@ -1,0 +1,372 @@
+//! The lease as one manager holds it: waited for, renewed on a thread of its own, and asked before
+//! each command whether it still holds.
+
+use std::io;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::thread::{Builder, park_timeout};
+use std::time::{Duration, Instant};
+
+use polyptych_protocol::command::Goodbye;
+use polyptych_protocol::ids::Term;
+use tokio_util::sync::CancellationToken;
+
+use crate::lease::{Contender, LeaseFile, LeaseFileError, LeaseRecord};
+
+/// Maximum time between two looks of a manager that waits: its supervisor hears from it as often.
+const LOOK_PERIOD_MAX: Duration = Duration::from_millis(500);
+
+/// The lead of one manager over its wall; clones share it.
+#[derive(Clone, Debug)]
+pub struct Leadership {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    file: LeaseFile,
+    holder: String,
+    term: Term,
+    period: Duration,
+    /// The start of this manager's clock.
+    started: Instant,
+    /// Locked while the record is renewed.
+    contender: Mutex<Contender>,
+    /// The end of the lease in microseconds of that clock, as the last renewal has it.
+    valid_until_us: AtomicU64,
+    is_released: AtomicBool,
+    lost: CancellationToken,
+    lost_reason: OnceLock<String>,
+}
+
+/// The way in which waiting for a lease has ended.
+#[derive(Debug)]
+pub enum Waited {
+    /// This manager leads.
+    Leads(Leadership),
+    /// A client stopped the wall while another manager led it.
+    Stopped,
+}
+
+/// The reason for which a leader gives its lease up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Release {
+    /// This process ends: the next manager may lead at once.
+    Ended,
+    /// The wall was stopped: managers that wait end too.
+    Stopped,
+}
+
+impl Leadership {
+    /// Waits until this manager holds the lease, or another one that held it has stopped the wall.
+    /// Dropping the future gives up. `on_look` is called with each record that is found, several
+    /// times a second.
+    ///
+    /// # Errors
+    /// The first look fails; later ones are tried again, and logged.
+    pub async fn wait(
+        file: LeaseFile,
+        holder: String,
+        lease_time: Duration,
+        mut on_look: impl FnMut(Option<&LeaseRecord>),
+    ) -> Result<Waited, LeaseFileError> {
+        let started = Instant::now();
+        let mut contender = Contender::new(holder.clone(), lease_time);
+        let mut last_fault = None;
+        let (mut is_first, mut was_led) = (true, false);
+        loop {
+            let looked = file.locked(|found| {
+                on_look(found);
+                let is_led = found.is_some_and(|found| !found.is_released);
+                if was_led && found.is_some_and(|found| found.is_stopped) {
+                    return (None, (true, contender.clone()));
+                }
+                was_led |= is_led;
+                let mut next = contender.clone();
+                let record = next.step(started.elapsed(), found);
+                (record, (false, next))
+            });
+            match looked {
+                Ok((true, _)) => return Ok(Waited::Stopped),
+                Ok((false, next)) => contender = next,
+                Err(error) if is_first => return Err(error),
+                Err(error) => {
+                    let fault = error.to_string();
+                    if last_fault.as_ref() != Some(&fault) {
+                        tracing::warn!(%error, "cannot look at the lease; trying again");
+                        last_fault = Some(fault);
+                    }
+                }
+            }
+            is_first = false;
+            if let Some((term, until)) = contender.term().zip(contender.valid_until()) {
+                let leads = Self::start(file.clone(), holder, Term(term), contender, started);
+                leads.shared.set_valid_until(until);
+                return leads.renew_on_thread().map(Waited::Leads).map_err(|s| file.failed(s));
+            }
+            tokio::time::sleep(contender.period().min(LOOK_PERIOD_MAX)).await;
+        }
+    }
+
+    fn start(
+        file: LeaseFile,
+        holder: String,
+        term: Term,
+        contender: Contender,
+        started: Instant,
+    ) -> Self {
+        let period = contender.period();
+        let shared = Shared {
+            file,
+            holder,
+            term,
+            period,
+            started,
+            contender: Mutex::new(contender),
+            valid_until_us: AtomicU64::new(0),
+            is_released: AtomicBool::new(false),
+            lost: CancellationToken::new(),
+            lost_reason: OnceLock::new(),
+        };
+        Self { shared: Arc::new(shared) }
+    }
+
+    fn renew_on_thread(self) -> io::Result<Self> {
+        let shared = Arc::clone(&self.shared);
+        let renew = move || {
+            let mut last_fault = None;
+            while !shared.is_over() {
+                park_timeout(shared.period);
+                let fault = shared.renew().err().map(|error| error.to_string());
+                if let Some(fault) =
+                    fault.as_ref().filter(|fault| last_fault.as_ref() != Some(*fault))
+                {
+                    tracing::warn!(fault, "cannot renew the lease; trying again");
+                }
+                if let Some(fault) = fault.as_ref().filter(|_| !shared.is_valid()) {
+                    shared.lose(format!("the lease could not be renewed in time: {fault}"));
+                }
+                last_fault = fault;
+            }
+        };
+        Builder::new().name("lease".into()).spawn(renew)?;
+        Ok(self)
+    }
+
+    /// The number of this lead: greater than that of every manager that led before.
+    pub fn term(&self) -> Term {
+        self.shared.term
+    }
+
+    /// This manager's name in the lease.
+    pub fn holder(&self) -> &str {
+        &self.shared.holder
+    }
+
+    /// Returns whether this manager may command now. A lease that has run out is renewed first,
+    /// unless another manager has it: a process that was stopped for a while goes on, or never
+    /// commands again.
+    pub fn is_held(&self) -> bool {
+        let shared = &self.shared;
+        if shared.is_over() {
+            return false;
+        }
+        if shared.is_valid() {
+            return true;
+        }
+        if let Err(error) = shared.renew() {
+            shared.lose(format!("the lease could not be renewed in time: {error}"));
+        }
+        shared.is_valid() && !shared.is_over()
+    }
+
+    /// Does what only a leader may do, while no other manager can take the lease.
+    ///
+    /// # Errors
+    /// This manager leads no more, the lease cannot be read, or `work` fails.
+    pub fn fenced<T>(&self, work: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
+        let shared = &self.shared;
+        let done = shared.file.locked(|found| {
+            let is_ours = found.is_some_and(|f| f.term == shared.term.0 && !f.is_released);
+            if is_ours {
+                return (None, work());
+            }
+            let reason = shared.lose(led_by(found));
+            (None, Err(io::Error::other(reason)))
+        });
+        done.map_err(io::Error::other)?
+    }
+
+    /// Ready once this manager leads no more; never if it gives the lease up itself.
+    pub async fn lost(&self) {
+        self.shared.lost.cancelled().await;
+    }
+
+    /// Returns the reason why this manager leads no more, if it has lost its lease.
+    pub fn lost_reason(&self) -> Option<&str> {
+        self.shared.lost_reason.get().map(String::as_str)
+    }
+
+    /// Gives the lease up as a manager ends that has said this goodbye.
+    pub fn release_after(&self, goodbye: &Goodbye) {
+        self.release(match goodbye {
+            Goodbye::Stopped | Goodbye::StoppedWithServers => Release::Stopped,
+            Goodbye::Ended | Goodbye::Closed { .. } => Release::Ended,
+        });
+    }
+
+    /// Gives the lease up; nothing is commanded any more.
+    pub fn release(&self, release: Release) {
+        let shared = &self.shared;
+        let mut contender = shared.contender.lock().unwrap_or_else(PoisonError::into_inner);
+        shared.is_released.store(true, Ordering::Relaxed);
+        let released = shared.file.locked(|found| {
+            let record = contender.release(found);
+            let is_stopped = release == Release::Stopped;
+            (record.map(|record| LeaseRecord { is_stopped, ..record }), ())
+        });
+        if let Err(error) = released {
+            tracing::warn!(%error, "cannot give up the lease; the next manager waits for its end");
+        }
+    }
+}
+
+/// Ready when `shutdown` is, or once this manager leads no more.
+pub(crate) async fn until_lost(
+    leadership: Option<&Leadership>,
+    shutdown: impl Future<Output = ()>,
+) {
+    let lost = async {
+        match leadership {
+            Some(leadership) => leadership.lost().await,
+            None => std::future::pending().await,
+        }
+    };
+    tokio::select! {
+        () = shutdown => {}
+        () = lost => {}
+    }
+}
+
+impl Shared {
+    fn is_valid(&self) -> bool {
+        let now_us = self.started.elapsed().as_micros() as u64;
+        now_us < self.valid_until_us.load(Ordering::Acquire)
+    }
+
+    fn set_valid_until(&self, until: Duration) {
+        self.valid_until_us.store(until.as_micros() as u64, Ordering::Release);
+    }
+
+    fn is_over(&self) -> bool {
+        self.lost.is_cancelled() || self.is_released.load(Ordering::Relaxed)
+    }
+
+    /// Renews the lease; finds out if it is lost.
+    fn renew(&self) -> Result<(), LeaseFileError> {
+        let mut contender = self.contender.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.is_over() {
+            return Ok(());
+        }
+        let (next, reason) = self.file.locked(|found| {
+            let mut next = contender.clone();
+            let record = next.step(self.started.elapsed(), found);
+            let reason = record.is_none().then(|| led_by(found));
+            (record, (next, reason))
+        })?;
+        *contender = next;
+        match (contender.valid_until(), reason) {
+            (Some(until), None) => self.set_valid_until(until),
+            (_, reason) => drop(self.lose(reason.unwrap_or_default())),
+        }
+        Ok(())
+    }
+
+    /// Never commands again; returns the first reason.
+    fn lose(&self, reason: String) -> String {
+        let reason = self.lost_reason.get_or_init(|| reason).clone();
+        self.lost.cancel();
+        reason
+    }
+}
+
+/// Returns the reason for which a lease is lost whose file has this record.
+fn led_by(found: Option<&LeaseRecord>) -> String {
+    match found {
+        Some(found) => format!("{} leads the wall now, with term {}", found.holder, found.term),
+        None => "the lease file was removed".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LEASE: Duration = Duration::from_millis(200);
+
+    /// What a manager finds that waits for the lease of this folder.
+    fn wait_in(folder: &tempfile::TempDir, name: &str) -> Waited {
+        let file = LeaseFile::beside(&folder.path().join("wall.state"));
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build();
+        let waiting = Leadership::wait(file, name.into(), LEASE, |_| {});
+        runtime.expect("a runtime").block_on(waiting).expect("a lease")
+    }
+
+    fn lead(folder: &tempfile::TempDir, name: &str) -> Leadership {
+        match wait_in(folder, name) {
+            Waited::Leads(leadership) => leadership,
+            Waited::Stopped => panic!("stopped"),
+        }
+    }
+
+    #[test]
+    fn a_leader_that_was_replaced_commands_and_writes_nothing() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let first = lead(&folder, "first");
+        assert!(first.is_held() && first.fenced(|| Ok(1)).is_ok_and(|done| done == 1));
+        // As a stopped process: it renews nothing, and does not know that it has lost the lease.
+        first.shared.is_released.store(true, Ordering::Relaxed);
+        let second = lead(&folder, "second");
+        assert_eq!((first.term(), second.term()), (Term(1), Term(2)));
+        first.shared.is_released.store(false, Ordering::Relaxed);
+        let refused = first.fenced(|| Ok(())).expect_err("another one leads");
+        assert!(refused.to_string().contains("second leads the wall now"), "{refused}");
+        assert!(!first.is_held() && second.is_held());
+        assert_eq!(second.lost_reason(), None);
+    }
+
+    #[test]
+    fn a_lease_that_ran_out_is_renewed_before_the_next_command() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let first = lead(&folder, "first");
+        first.shared.set_valid_until(Duration::ZERO);
+        assert!(first.is_held(), "nobody has taken it");
+        std::fs::remove_file(folder.path().join("wall.state.lease")).expect("removed");
+        first.shared.set_valid_until(Duration::ZERO);
+        assert!(!first.is_held());
+        assert_eq!(first.lost_reason(), Some("the lease file was removed"));
+    }
+
+    #[test]
+    fn a_stopped_wall_ends_managers_that_wait_but_not_those_that_come() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let first = lead(&folder, "first");
+        std::thread::scope(|scope| {
+            let file = LeaseFile::beside(&folder.path().join("wall.state"));
+            let (looked, has_looked) = std::sync::mpsc::sync_channel(1);
+            let waiting = scope.spawn(move || {
+                let on_look = |_: Option<&LeaseRecord>| _ = looked.try_send(());
+                let waiting = Leadership::wait(file, "second".into(), LEASE, on_look);
+                let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build();
+                runtime.expect("a runtime").block_on(waiting).expect("a lease")
+            });
+            has_looked.recv().expect("it looks");
+            // The next look is after the first has ended.
+            has_looked.recv().expect("it looks again");
+            first.release(Release::Stopped);
+            assert!(matches!(waiting.join().expect("no panic"), Waited::Stopped));
+        });
+        assert!(!first.is_held());
+        assert_eq!(lead(&folder, "third").term(), Term(2));
+    }
+}
