@@ -56,6 +56,7 @@ use polyptych_client::blocking::Client;
 use polyptych_client::{OutputMode, ReconnectPolicy};
 use polyptych_files::blob::BlobStore;
 use polyptych_manager::import::{Baker, bake_wall_files, read_wall_files};
+use polyptych_protocol::manager_addresses::MANAGERS_MAX;
 use polyptych_text::printable;
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_maps::CalibrationMaps;
@@ -191,12 +192,12 @@ const MANAGER_VARIABLE: &str = "POLYPTYCH_MANAGER";
 /// Where a running manager is.
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct ManagerAddress {
-    /// The manager's address
+    /// The manager's address; with a standby the addresses of all managers, separated by commas
     #[arg(
         long,
         value_name = "ADDR",
         env = MANAGER_VARIABLE,
-        value_parser = address,
+        value_parser = addresses,
         default_value_t = format!("127.0.0.1:{PORT_DEFAULT}")
     )]
     manager: String,
@@ -415,6 +416,16 @@ fn seconds(text: &str) -> Result<Duration, String> {
         .ok_or_else(|| format!("{text} is not a positive number of seconds"))
 }
 
+/// Managers' addresses, as an argument: one or several, separated by commas.
+fn addresses(text: &str) -> Result<String, String> {
+    let all: Vec<String> =
+        text.split(',').map(|one| address(one.trim())).collect::<Result<_, _>>()?;
+    if all.len() > MANAGERS_MAX {
+        return Err(format!("{} managers; the maximum is {MANAGERS_MAX}", all.len()));
+    }
+    Ok(all.join(","))
+}
+
 /// A manager's address, as an argument: `HOST:PORT`, or `HOST` with the usual port.
 fn address(text: &str) -> Result<String, String> {
     address_with(text, PORT_DEFAULT, 1)
@@ -475,6 +486,10 @@ mod tests {
         }
         for text in ["", ":7878", "wall:", "wall:99999", "wall:0", "a wall:1"] {
             assert!(address(text).is_err(), "{text:?}");
+        }
+        assert_eq!(addresses("a, b:80").as_deref(), Ok("a:7878,b:80"));
+        for text in ["", "a,", ",b", "a b,c", &"a,".repeat(MANAGERS_MAX)] {
+            assert!(addresses(text).is_err(), "{text:?}");
         }
     }
 

@@ -9,6 +9,7 @@ use std::{fmt, io};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::handshake_io::{ConnectionError, send_hello};
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
+use polyptych_protocol::manager_addresses::ManagerAddresses;
 use polyptych_protocol::request::Request;
 use polyptych_protocol::stream::Stream;
 use polyptych_protocol::token;
@@ -43,7 +44,8 @@ const FLOOD_WAIT: Duration = Duration::from_millis(20);
 /// ```
 #[derive(Clone)]
 pub struct ConnectOptions {
-    /// The manager's host and port; the port is 7878 where none is given.
+    /// The manager's host and port; the port is 7878 where none is given. Where managers share the
+    /// wall, the addresses of all, separated by commas: the client finds the one that leads.
     pub address: String,
     /// The manager's secret itself; goes before `token_file`.
     pub token: Option<String>,
@@ -151,21 +153,47 @@ impl fmt::Debug for ConnectOptions {
 pub(crate) async fn connect_tcp(
     mut options: ConnectOptions,
 ) -> Result<(ConnectionHandle, impl Future<Output = ()> + Send + 'static), ClientError> {
-    options.address = with_port(&options.address);
-    let (frames, welcome) = dial_through_a_flood(&options).await?;
+    let with_ports = |list: &str| list.split(',').map(|a| with_port(a.trim())).collect::<Vec<_>>();
+    options.address = with_ports(&options.address).join(",");
+    let mut managers = ManagerAddresses::new(&options.address);
+    let (frames, welcome) = dial_each(&options, &mut managers).await?;
+    let has_standby = managers.len() > 1;
     let dialled = options.clone();
     // What was given is kept only where it is needed again.
     options.token = None;
     let redial = options.reconnect.map(|reconnect| {
         let dial = move || {
-            let options = dialled.clone();
+            managers.advance();
+            let options =
+                ConnectOptions { address: managers.current().to_owned(), ..dialled.clone() };
             async move { dial_and_introduce(&options).await }
         };
-        Reconnector { reconnect, dial }
+        Reconnector { reconnect, dial, has_standby }
     });
     let (link, messages) = ConnectionHandle::new(options, welcome);
     let driver = run_connection(frames, link.shared.clone(), messages, redial);
     Ok((link, driver))
+}
+
+/// Connects to the first of the managers that lets this client in. The error is one of a manager
+/// that answered, if any did: a standby refuses connections while it does not lead.
+async fn dial_each(
+    options: &ConnectOptions,
+    managers: &mut ManagerAddresses,
+) -> Result<HandshakeResult<Stream>, ClientError> {
+    let at = |address: &str| ConnectOptions { address: address.to_owned(), ..options.clone() };
+    let mut failed = match dial_through_a_flood(&at(managers.current())).await {
+        Ok(connected) => return Ok(connected),
+        Err(error) => error,
+    };
+    while !managers.advance() {
+        match dial_through_a_flood(&at(managers.current())).await {
+            Ok(connected) => return Ok(connected),
+            Err(error) if matches!(failed, ClientError::NoManager { .. }) => failed = error,
+            Err(_) => {}
+        }
+    }
+    Err(failed)
 }
 
 /// Connects, though a manager that is flooded with connections may end this one before it has

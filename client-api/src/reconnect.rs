@@ -16,6 +16,9 @@ const RETRY_FIRST: Duration = Duration::from_millis(50);
 /// Maximum pause: what an application loses at most, once its manager is there again.
 const RETRY_LONGEST: Duration = Duration::from_secs(2);
 
+/// The same where there is a standby, which takes over within a second or so.
+const RETRY_LONGEST_OF_SEVERAL: Duration = Duration::from_millis(100);
+
 /// The policy for a connection that has ended; see [`crate::ConnectOptions::reconnect`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReconnectPolicy {
@@ -35,7 +38,10 @@ impl Default for ReconnectPolicy {
 /// The means of making a new connection.
 pub(crate) struct Reconnector<D> {
     pub reconnect: ReconnectPolicy,
+    /// Connects to the next of the managers.
     pub dial: D,
+    /// `true` if there are several managers.
+    pub has_standby: bool,
 }
 
 /// A connection on which both sides have introduced themselves.
@@ -57,11 +63,12 @@ impl<D> Reconnector<D> {
     {
         let began = Instant::now();
         let mut pause = RETRY_FIRST;
+        let pause_max = if self.has_standby { RETRY_LONGEST_OF_SEVERAL } else { RETRY_LONGEST };
         let mut last_reason = String::new();
         loop {
             // Many clients of one manager must not come back in the same moment.
             sleep(pause.mul_f64(0.75 + 0.5 * fastrand::f64())).await;
-            pause = (pause * 2).min(RETRY_LONGEST);
+            pause = (pause * 2).min(pause_max);
             // What was posted last may still be wanted though everyone is gone.
             let is_wanted = !messages.is_empty() && began.elapsed() < self.reconnect.wait;
             if messages.is_closed() && !is_wanted {

@@ -32,6 +32,7 @@ pub mod head_update;
 pub mod ids;
 pub mod limits;
 pub mod luminance;
+pub mod manager_addresses;
 pub mod navigation;
 pub mod node_query;
 pub mod output_mode;

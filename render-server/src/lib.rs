@@ -22,6 +22,7 @@ mod mismatch;
 mod monitor;
 mod mouse;
 mod network;
+mod own_address;
 mod pattern;
 pub mod presentation_state;
 mod reduced_grid;

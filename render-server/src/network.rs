@@ -15,12 +15,12 @@ use polyptych_protocol::handshake::{
 };
 use polyptych_protocol::handshake_io::{self, ConnectionError, MessageStream};
 use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, PINGS_PER_HEARTBEAT};
+use polyptych_protocol::manager_addresses::ManagerAddresses;
 use polyptych_protocol::process;
 use polyptych_protocol::server_message::{Ping, ServerMessage};
 use polyptych_protocol::service_notifier::ServiceNotifier;
 use polyptych_protocol::stream::{ConnectError, Stream};
 use polyptych_tls::{Credentials, NodeIdentity};
-use tokio::net::UdpSocket;
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
@@ -29,6 +29,7 @@ use crate::clock::{Clock, ClockEstimate};
 use crate::connection_status::{ConnectionStatus, ManagerState, time_of_day};
 use crate::ending::Ending;
 use crate::loader::{LoadOrder, LoaderLink};
+use crate::own_address::own_address;
 use crate::render_event::RenderEvent;
 use crate::render_thread::RenderTask;
 use crate::run::{ServerError, ServerOptions, Shutdown};
@@ -38,6 +39,9 @@ use crate::term_guard::TermGuard;
 /// its wall again at once; the longest keeps a dark wall from flooding a manager that starts.
 const RETRY_FIRST: Duration = Duration::from_millis(50);
 const RETRY_LONGEST: Duration = Duration::from_secs(2);
+
+/// The same where there is a standby: it takes over within a second or so, and finds its wall.
+const RETRY_LONGEST_OF_SEVERAL: Duration = Duration::from_millis(200);
 
 /// Maximum time for a manager whose bulk connection has ended to say why: both connections end
 /// together.
@@ -108,6 +112,7 @@ pub(crate) struct Network {
     pub reports: mpsc::Sender<RenderEvent>,
     pub waiting_reports: mpsc::Receiver<RenderEvent>,
     pub clock: Arc<Clock>,
+    pub managers: ManagerAddresses,
     pub terms: TermGuard,
     /// This machine's, as the manager sees it.
     pub address: Option<SocketAddr>,
@@ -156,17 +161,20 @@ impl Network {
     /// # Errors
     /// It is to try once, and has.
     async fn keep_connected(&mut self, ending: &Ending) -> Result<(), ServerError> {
-        let manager = self.options.manager.clone();
+        let has_standby = self.managers.len() > 1;
+        let wait_max = if has_standby { RETRY_LONGEST_OF_SEVERAL } else { RETRY_LONGEST };
         let mut wait = RETRY_FIRST;
-        let mut last_reason = String::new();
+        let mut last_reasons = vec![String::new(); self.managers.len()];
         // The last manager ended in order, and no other one has come.
         let mut is_away = false;
         tokio::select! {
             () = ending.ended() => return Ok(()),
-            address = own_address(&manager) => self.address = address,
+            address = own_address(self.managers.current()) => self.address = address,
         }
-        self.notice(&format!("connecting to manager {manager}"), ManagerState::Expected);
+        let all = &self.options.manager;
+        self.notice(&format!("connecting to manager {all}"), ManagerState::Expected);
         loop {
+            let manager = self.managers.current().to_owned();
             let started = Instant::now();
             let connected = tokio::select! {
                 () = ending.ended() => return Ok(()),
@@ -187,11 +195,12 @@ impl Network {
             if self.options.once {
                 return Err(ServerError::GaveUp { manager, reason });
             }
+            let last_reason = &mut last_reasons[self.managers.index()];
             let is_quiet = is_away && matches!(end, End::Unreachable(_));
-            let is_news = reason != last_reason && !is_quiet;
+            let is_news = reason != *last_reason && !is_quiet;
             if was_connected || is_news {
+                *last_reason = reason;
                 self.tell(&manager, was_connected, &end);
-                last_reason = reason;
             }
             is_away = is_quiet || end.is_orderly();
             // A connection that ends again and again, for the same reason and at once, is as good
@@ -199,11 +208,15 @@ impl Network {
             if was_connected && (is_news || started.elapsed() > RETRY_LONGEST) {
                 wait = RETRY_FIRST;
             }
+            // A standby that does not lead refuses at once.
+            if !self.managers.advance() {
+                continue;
+            }
             tokio::select! {
                 () = ending.ended() => return Ok(()),
                 () = tokio::time::sleep(wait.mul_f64(0.75 + 0.5 * fastrand::f64())) => {}
             }
-            wait = (wait * 2).min(RETRY_LONGEST);
+            wait = (wait * 2).min(wait_max);
         }
     }
 
@@ -252,7 +265,7 @@ impl Network {
         let introduce = async {
             let secret = self.secret().map_err(End::Failed)?;
             let keys = self.keys().map_err(End::Failed)?;
-            let (manager, insecure) = (&self.options.manager, self.options.insecure);
+            let (manager, insecure) = (self.managers.current(), self.options.insecure);
             let stream = polyptych_tls::connect(manager, keys.as_ref(), insecure).await?;
             Ok(handshake_io::send_hello(stream, role, hello, &secret).await?)
         };
@@ -303,8 +316,8 @@ impl Network {
 
     /// Serves a control connection and its bulk connection until one of them ends; says why.
     async fn serve_both(&mut self, frames: &mut MessageStream<Stream>, welcome: &Welcome) -> End {
-        let manager = &self.options.manager;
-        tracing::info!(manager, wall = welcome.wall, epoch = %welcome.epoch, "connected");
+        let (manager, term) = (self.managers.current(), welcome.term.0);
+        tracing::info!(manager, wall = welcome.wall, epoch = %welcome.epoch, term, "connected");
         self.address = frames.get_ref().local_addr().ok();
         if let Some(notifier) = &self.options.notifier {
             notifier.ready();
@@ -450,22 +463,6 @@ async fn send_disconnected(jobs: &Sender<RenderTask>) {
         waiting = task;
         tokio::time::sleep(FULL_QUEUE_PAUSE).await;
     }
-}
-
-/// This machine's address on the way to the manager, with port 0: the system's table of routes is
-/// asked by a socket that sends nothing. `None` where there is no way, or no such name.
-async fn own_address(manager: &str) -> Option<SocketAddr> {
-    let ask = async {
-        for any in ["0.0.0.0:0", "[::]:0"] {
-            let Ok(socket) = UdpSocket::bind(any).await else { continue };
-            if socket.connect(manager).await.is_ok() {
-                let address = socket.local_addr().ok()?;
-                return Some(SocketAddr::new(address.ip(), 0));
-            }
-        }
-        None
-    };
-    tokio::time::timeout(HANDSHAKE_TIME_MAX, ask).await.ok().flatten()
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ use std::time::Duration;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use polyptych_files::blob::BlobStore;
 use polyptych_protocol::handshake::Adapter;
+use polyptych_protocol::manager_addresses::ManagerAddresses;
 use polyptych_protocol::service_notifier::ServiceNotifier;
 use polyptych_protocol::token::{self, TokenError};
 use polyptych_renderer::{Gpu, GpuError};
@@ -328,6 +329,7 @@ impl Threads {
         let window_reports = reports.clone();
         let network = Builder::new().name("network".into()).spawn(move || {
             let _server = span.entered();
+            let managers = ManagerAddresses::new(&options.manager);
             let network = Network {
                 options,
                 adapter,
@@ -336,6 +338,7 @@ impl Threads {
                 reports,
                 waiting_reports,
                 clock,
+                managers,
                 terms: TermGuard::default(),
                 address: None,
             };

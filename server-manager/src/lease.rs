@@ -10,8 +10,8 @@
 //! candidate  sees that at s >= t             may take at s + lease time
 //! ```
 //!
-//! So no two believe to hold the lease at once, unless the rates of their clocks differ by more than
-//! a third. This is how lease locks work: Gray and Cheriton, "Leases", SOSP 1989.
+//! So no two believe to hold the lease at once, unless the rates of their clocks differ by more
+//! than a third. This is how lease locks work: Gray and Cheriton, "Leases", SOSP 1989.
 
 mod lease_file;
 

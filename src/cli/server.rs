@@ -21,13 +21,14 @@ use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 use rustix::process::{Signal, getpid, kill_process};
 
 use super::shutdown_signal::shutdown_signal;
-use super::{MANAGER_VARIABLE, address, cache_folder, say};
+use super::{MANAGER_VARIABLE, addresses, cache_folder, say};
 use crate::simulator::local_wall::WINDOW_CLOSED;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// The manager's address, HOST:PORT
-    #[arg(long, value_name = "ADDR", env = MANAGER_VARIABLE, value_parser = address)]
+    /// The manager's address, HOST:PORT; with a standby the addresses of all managers, separated by
+    /// commas
+    #[arg(long, value_name = "ADDR", env = MANAGER_VARIABLE, value_parser = addresses)]
     #[arg(required_unless_present_any = ["list_monitors", "list_gpus"])]
     manager: Option<String>,
     /// The channel to draw; may be given again: one server can draw several
@@ -229,7 +230,8 @@ fn name(arguments: &Arguments, manager: &str) -> anyhow::Result<String> {
     let Some(folder) = &arguments.keys else {
         // What the network would refuse again and again is said at once; a name that means nothing
         // yet may do so later.
-        let found: Vec<_> = manager.to_socket_addrs().into_iter().flatten().collect();
+        let each = manager.split(',').filter_map(|one| one.to_socket_addrs().ok());
+        let found: Vec<_> = each.flatten().collect();
         check_addresses(&found, arguments.insecure)?;
         return Ok(given.unwrap_or(&arguments.channel[0]).clone());
     };
