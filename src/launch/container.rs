@@ -99,11 +99,14 @@ fn service(
 ) -> Value {
     // Compose replaces variables in values.
     let literal = |text: &str| text.replace('$', "$$");
-    let mut volumes =
-        vec!["state:/var/lib/polyptych".to_owned(), "cache:/var/cache/polyptych".to_owned()];
+    let mut volumes = vec![json!("state:/var/lib/polyptych"), json!("cache:/var/cache/polyptych")];
     mounts.sort_unstable();
     mounts.dedup();
-    volumes.extend(mounts.iter().map(|path| literal(&format!("{path}:{path}:ro"))));
+    // The short form divides at colons, which a path may have.
+    volumes.extend(mounts.iter().map(|path| {
+        let path = literal(path);
+        json!({ "type": "bind", "source": path, "target": path, "read_only": true })
+    }));
     let arguments: Vec<String> = arguments.iter().map(|word| literal(word)).collect();
     let environment: BTreeMap<&String, String> =
         environment.iter().map(|(name, value)| (name, literal(value))).collect();

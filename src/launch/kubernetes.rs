@@ -24,6 +24,10 @@ const ALIVE: &str = "/run/polyptych/alive";
 /// server's render thread for half a minute.
 const SILENCE_MAX_S: u32 = 90;
 
+/// Maximum time until a process says that it lives, in seconds: a manager bakes the files of its
+/// wall first, and a single bake may take half of it.
+const START_TIME_MAX_S: u32 = 3600;
+
 /// Maximum bytes of a wall file that a ConfigMap takes, with room for the rest of it.
 const CONFIG_BYTES_MAX: usize = 1_000_000;
 
@@ -52,6 +56,22 @@ pub(crate) fn units(plan: &LaunchPlan, image: &str) -> anyhow::Result<UnitFiles>
         "kubectl apply --server-side -f {DIR}".to_owned(),
     ];
     Ok(UnitFiles { files, steps })
+}
+
+/// Returns the port at which these arguments offer HTTP; `None` if they do not.
+fn http_port(arguments: &[String]) -> Option<u16> {
+    let mut words = arguments.iter();
+    let mut port = None;
+    while let Some(word) = words.next() {
+        let address = match word.strip_prefix("--http=") {
+            Some(address) => address,
+            None if word == "--http" => words.next()?,
+            None => continue,
+        };
+        let number = address.rsplit_once(':').and_then(|(_, port)| port.parse().ok());
+        port = number.filter(|port| *port > 0);
+    }
+    port
 }
 
 struct Manifests<'p> {
@@ -110,6 +130,12 @@ impl Manifests<'_> {
             is_insecure: self.plan.launch.is_insecure,
         });
         arguments.extend(["--scenes", SCENES, "--alive", ALIVE].map(str::to_owned));
+        let mut container_ports = vec![json!({ "name": "wall", "containerPort": port })];
+        let mut service_ports = vec![json!({ "name": "wall", "port": port, "targetPort": port })];
+        if let Some(http) = http_port(&self.plan.launch.manager_arguments) {
+            container_ports.push(json!({ "name": "http", "containerPort": http }));
+            service_ports.push(json!({ "name": "http", "port": http, "targetPort": http }));
+        }
         let pod = Pod {
             role: "manager".to_owned(),
             host: self.plan.launch.manager_host.as_deref(),
@@ -118,7 +144,7 @@ impl Manifests<'_> {
             mounts,
             volumes,
             gpus: 0,
-            ports: vec![json!({ "name": "wall", "containerPort": port })],
+            ports: container_ports,
         };
         let labels = self.labels("manager");
         let service = json!({
@@ -126,7 +152,7 @@ impl Manifests<'_> {
             "metadata": { "name": format!("{}-manager", self.base), "labels": labels },
             "spec": {
                 "selector": labels,
-                "ports": [{ "name": "wall", "port": port, "targetPort": port }],
+                "ports": service_ports,
             },
         });
         let claim = json!({
@@ -220,7 +246,7 @@ impl Manifests<'_> {
             "volumeMounts": mounts,
             "ports": pod.ports,
             "startupProbe": { "exec": shell(format!("test -e {ALIVE}")), "periodSeconds": 2,
-                "failureThreshold": 60 },
+                "failureThreshold": START_TIME_MAX_S / 2 },
             "livenessProbe": { "exec": shell(fresh), "periodSeconds": 10, "timeoutSeconds": 5 },
             "readinessProbe": { "exec": shell(ready), "periodSeconds": 2, "timeoutSeconds": 5 },
             "securityContext": { "allowPrivilegeEscalation": false },
@@ -317,5 +343,22 @@ impl Manifests<'_> {
             let _ = writeln!(text, "make {secret} server-{name}");
         }
         text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_port_of_http_is_that_of_the_last_address() {
+        let port = |words: &[&str]| {
+            let words: Vec<String> = words.iter().map(|word| (*word).to_owned()).collect();
+            http_port(&words)
+        };
+        assert_eq!(port(&["--http", "0.0.0.0:7880", "--http-host", "wall"]), Some(7880));
+        assert_eq!(port(&["--http=[::]:80"]), Some(80));
+        assert_eq!(port(&["--http-host", "wall:1", "--http"]), None);
+        assert_eq!(port(&["--http", "0.0.0.0:0"]), None);
     }
 }

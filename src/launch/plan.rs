@@ -191,6 +191,14 @@ impl LaunchPlan {
             return Err(self.fault("network.listen", what));
         }
         if let Some(address) = &self.launch.address {
+            if !is_loopback_address(address) && !self.may_leave_machine() {
+                let what = format!(
+                    "servers reach the manager at {address}, over a network, and without keys \
+                     nothing is encrypted; write keys = \"/FOLDER\" under [launch] (polyptych keys \
+                     makes them), or insecure = true on a network that you trust"
+                );
+                return Err(self.fault("launch.address", what));
+            }
             return Ok(address.clone());
         }
         let manager = machine_of(self.launch.manager_host.as_deref());
@@ -244,6 +252,15 @@ impl LaunchPlan {
              (polyptych keys makes them), or insecure = true on a network that you trust",
         ))
     }
+}
+
+/// Returns whether HOST:PORT, or HOST, is on the machine of the program that connects to it.
+fn is_loopback_address(address: &str) -> bool {
+    let is_loopback = |host: &str| {
+        let ip = host.trim_matches(['[', ']']).parse::<IpAddr>();
+        ip.map_or(host == "localhost", |ip| ip.is_loopback())
+    };
+    is_loopback(address) || address.rsplit_once(':').is_some_and(|(host, _)| is_loopback(host))
 }
 
 fn words(words: &[&str]) -> Vec<String> {

@@ -8,6 +8,9 @@ use serde::Serialize;
 
 use crate::supervisor::ChildState;
 
+/// The beginning of the client's error if nothing listens at the manager's address.
+const NO_MANAGER: &str = "no manager at ";
+
 /// A process of a wall.
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
@@ -84,7 +87,7 @@ fn report(node: &Node, child: &ChildState, known: Known<'_>, now: Instant) -> No
         (NodeState::Starting, None)
     } else {
         let trouble = match &node.channels {
-            None => known.outage.map(str::to_owned),
+            None => known.outage.map(|outage| trouble_of_manager(outage).to_owned()),
             Some(channels) => trouble_of(channels, known.status),
         };
         match (trouble, known.status) {
@@ -112,6 +115,12 @@ fn end_of(child: &ChildState, next: Instant, now: Instant) -> String {
     let wait = next.saturating_duration_since(now).as_secs_f64();
     let text = polyptych_text::printable(&text).into_owned();
     format!("{text}; starts again in {wait:.1} s")
+}
+
+/// Returns the reason why a manager that runs does not answer. Nothing listens at its address until
+/// it has read its wall, and the client's advice would be to start another one.
+fn trouble_of_manager(outage: &str) -> &str {
+    if outage.contains(NO_MANAGER) { "it starts, and does not listen yet" } else { outage }
 }
 
 /// Returns the reason why a server's channels could not draw; `None` if all could.
@@ -170,19 +179,28 @@ mod tests {
         let now = Instant::now();
         let mut child = ChildState { name: "n".into(), ..ChildState::default() };
         let state = |child: &ChildState| {
-            let known = Known { status: None, outage: Some("no manager") };
+            let known = Known { status: None, outage: Some("another token") };
             let report = report(&node(None), child, known, now);
             (report.state, report.reason)
         };
         assert_eq!(state(&child), (NodeState::Starting, None));
         child.begun = Some(now);
-        assert_eq!(state(&child), (NodeState::Running, Some("no manager".into())));
+        assert_eq!(state(&child), (NodeState::Running, Some("another token".into())));
         child.begun = None;
         child.last_end = Some("exit status: 255".into());
         child.last_lines.push_back("ssh: no\u{1b}[1m route".into());
         child.next_start = Some(now + Duration::from_millis(1500));
         let expected = "exit status: 255: ssh: no\\u{1b}[1m route; starts again in 1.5 s";
         assert_eq!(state(&child), (NodeState::Waiting, Some(expected.into())));
+    }
+
+    #[test]
+    fn a_manager_that_does_not_listen_yet_is_said_to_start() {
+        let source = std::io::ErrorKind::ConnectionRefused.into();
+        let address = "127.0.0.1:7878".to_owned();
+        let refused = polyptych_client::ClientError::NoManager { address, source }.to_string();
+        assert_eq!(trouble_of_manager(&refused), "it starts, and does not listen yet");
+        assert_eq!(trouble_of_manager("another token"), "another token");
     }
 
     #[test]

@@ -92,7 +92,8 @@ fn put_machine(
             user: user_of(plan.launch.manager_host.as_deref()),
             target: &target,
             watchdog_s: MANAGER_WATCHDOG_S,
-            start_time_max: "90",
+            // It bakes the files of the wall first, for minutes; a bake ends by itself.
+            start_time_max: "infinity",
         };
         put(format!("{base}-manager.service"), head.clone() + &service.text());
     }
@@ -113,8 +114,8 @@ fn put_machine(
     let target_text = format!(
         "{head}[Unit]\nDescription=The wall {} on this machine\nWants={}\n\n\
          [Install]\nWantedBy=multi-user.target\n",
-        plan.wall.name,
-        names.join(" ")
+        literal(&plan.wall.name),
+        literal(&names.join(" "))
     );
     units.files.push(UnitFile::new(format!("{place}/{target}"), target_text));
     let is_address = plan.wall.listen.parse::<SocketAddr>().is_ok();
@@ -138,7 +139,8 @@ fn socket_text(plan: &LaunchPlan) -> String {
          [Unit]\nDescription=Address of the manager of the wall {}\n\n\
          [Socket]\nListenStream={}\nBacklog=1024\n\n\
          [Install]\nWantedBy=sockets.target\n",
-        plan.wall.name, plan.wall.listen
+        literal(&plan.wall.name),
+        literal(&plan.wall.listen)
     )
 }
 
@@ -146,12 +148,13 @@ impl Service<'_> {
     fn text(&self) -> String {
         let Self { description, user, target, watchdog_s, start_time_max, .. } = self;
         let command = self.command.iter().map(|word| command_word(word)).collect::<Vec<_>>();
+        let target = literal(target);
         let mut text = format!(
             "[Unit]\n\
-             Description={description}\n\
+             Description={}\n\
              Wants=network-online.target\n\
              After=network-online.target\n\
-             PartOf={target}\n\
+             PartOf={}\n\
              # What fails five times within a minute stays failed, until systemctl reset-failed.\n\
              StartLimitIntervalSec=60\n\
              StartLimitBurst=5\n\n\
@@ -164,13 +167,16 @@ impl Service<'_> {
              WatchdogSec={watchdog_s}\n\
              TimeoutStartSec={start_time_max}\n\
              TimeoutStopSec=10\n\
-             User={user}\n\
+             User={}\n\
              StateDirectory=polyptych\n\
              CacheDirectory=polyptych\n\
              RuntimeDirectory=%N\n\
              NoNewPrivileges=yes\n\
              Environment=XDG_STATE_HOME=%S XDG_CACHE_HOME=%C XDG_RUNTIME_DIR=%t/%N\n",
+            literal(description),
+            target,
             command.join(" "),
+            literal(user),
         );
         for (name, value) in self.environment {
             let assignment = value_word(&format!("{name}={value}"));
@@ -179,6 +185,11 @@ impl Service<'_> {
         let _ = writeln!(text, "\n[Install]\nWantedBy={target}");
         text
     }
+}
+
+/// The text of a value that is no word: no specifier is replaced in it.
+fn literal(text: &str) -> String {
+    text.replace('%', "%%")
 }
 
 /// A word of a command line: neither a specifier nor a variable is replaced in it.

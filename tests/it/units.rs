@@ -209,7 +209,10 @@ fn manifests_and_compose_files_are_yaml_with_what_the_wall_says() {
     assert_eq!(service["network_mode"], "host");
     assert_eq!(service["restart"], "on-failure:5");
     // Of all keys a container has its own.
-    assert_eq!(service["volumes"][2], "/etc/k/server-front-2-1:/etc/k/server-front-2-1:ro");
+    let keys = "/etc/k/server-front-2-1";
+    let bind =
+        serde_json::json!({ "type": "bind", "source": keys, "target": keys, "read_only": true });
+    assert_eq!(service["volumes"][2], bind);
     let image = fs::read_to_string(place.path("container/Containerfile")).expect("a file");
     assert!(image.contains("COPY polyptych") && image.contains("ENTRYPOINT"), "{image}");
     // Without keys a cluster's network is told of everything.

@@ -28,6 +28,8 @@ fn servers_are_told_an_address_that_they_reach() {
     assert_eq!(address(&given).as_deref(), Ok("head:1"));
     let fixed = format!("{keys}[network]\nlisten = \"10.0.0.1:9\"\n[server.a]\nhost = \"r\"\n");
     assert_eq!(address(&fixed).as_deref(), Ok("10.0.0.1:9"));
+    let tunnel = "[launch]\naddress = \"[::1]:9\"\n[server.a]\nhost = \"r\"\n";
+    assert_eq!(address(tunnel).as_deref(), Ok("[::1]:9"));
     // All on one machine, which may be another one; and this machine by another name.
     let there =
         "[launch]\nmanager = \"me@r\"\n[server.a]\nhost = \"r\"\n[server.b]\nhost = \"r\"\n";
@@ -44,6 +46,10 @@ fn servers_are_told_an_address_that_they_reach() {
             ["launch.address", "server a runs on this", "head.example"],
         ),
         (any, ["network.listen", "nothing is encrypted", "keys = \"/FOLDER\""]),
+        (
+            "[launch]\naddress = \"head:7878\"\n[server.a]\nhost = \"r\"\n",
+            ["launch.address", "head:7878, over a network", "keys = \"/FOLDER\""],
+        ),
         ("[network]\nlisten = \"127.0.0.1:0\"\n", ["network.listen", "port 0", "7878"]),
     ] {
         let error = address(lines).expect_err(lines);
