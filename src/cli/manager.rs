@@ -211,6 +211,9 @@ impl Listeners {
                  the socket unit, or --standby"
             );
         }
+        if let (Some(listener), Some(asked)) = (&inherited, &arguments.listen) {
+            expect_address(listener.local_addr()?, asked)?;
+        }
         Self::bind(arguments, listen, inherited)
     }
 
@@ -248,6 +251,20 @@ fn inherited_listener(may_be_open: bool) -> anyhow::Result<Option<TcpListener>> 
         refuse_open_address(&[listener.local_addr()?], may_be_open)?;
     }
     Ok(listener)
+}
+
+/// Checks that the socket of the service manager is where `--listen` says.
+fn expect_address(found: SocketAddr, asked: &str) -> anyhow::Result<()> {
+    let mut addresses = asked
+        .to_socket_addrs()
+        .with_context(|| format!("cannot listen on {asked}; an address is HOST:PORT"))?;
+    if !addresses.any(|address| address == found) {
+        bail!(
+            "--listen is {asked}, and the socket of the service manager listens on {found}; write \
+             one address into both, or leave --listen out"
+        );
+    }
+    Ok(())
 }
 
 /// The folders of the wall file and those of the command.
@@ -339,4 +356,20 @@ fn bind_metrics(at: &str, insecure: bool) -> anyhow::Result<TcpListener> {
     }
     TcpListener::bind(&addresses[..])
         .map_err(|error| anyhow::anyhow!("--metrics {at}: cannot listen there: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_socket_elsewhere_than_asked_is_refused_with_both_addresses() {
+        let found = SocketAddr::from(([127, 0, 0, 1], 7878));
+        expect_address(found, "127.0.0.1:7878").expect("the same");
+        for asked in ["127.0.0.1:7879", "0.0.0.0:7878"] {
+            let error = expect_address(found, asked).expect_err(asked).to_string();
+            assert!(error.contains(asked) && error.contains("127.0.0.1:7878"), "{error}");
+        }
+        assert!(expect_address(found, "7878").is_err());
+    }
 }
