@@ -187,9 +187,10 @@ impl Bridge {
         for reader in &mut self.readers {
             reader.advance(now);
             let events = reader.take_events();
-            self.is_news |= !events.is_empty();
+            let is_news = reader.take_news() || !events.is_empty();
+            self.is_news |= is_news;
             // An ease may begin and end between two heads; where it led must be sent all the same.
-            self.is_settling |= !events.is_empty();
+            self.is_settling |= is_news;
             self.events.extend(events);
         }
     }
@@ -207,9 +208,12 @@ impl Bridge {
         if let Some((reading, head)) = self.take_head(now) {
             return Some((Purpose::Head(reading), Request::SetHead(head)));
         }
-        let due = |of: Option<Micros>| of.is_some_and(|due| due <= now);
-        let mut flights = self.readers.iter_mut().filter_map(|reader| reader.flight.as_mut());
-        let controls = flights.find(|flight| due(flight.due())).filter(|_| !self.flight_waits)?;
+        // Of several devices the one that has waited longest: one after the other flies, however
+        // long an answer takes.
+        let flights = self.readers.iter_mut().filter_map(|reader| reader.flight.as_mut());
+        let due = flights.filter_map(|flight| Some((flight.due()?, flight)));
+        let due = due.filter(|(due, _)| *due <= now && !self.flight_waits);
+        let (_, controls) = due.min_by_key(|(due, _)| *due)?;
         let flight = controls.take(now)?;
         self.flight_waits = true;
         Some((Purpose::Flight, Request::Fly(flight)))

@@ -22,6 +22,10 @@ const RATE_PERIOD: Micros = 1_000_000;
 /// Minimum time between two events of one kind of a device: damaged packets may come by thousands.
 const REPEAT_PERIOD: Micros = 10_000_000;
 
+/// Maximum number of changes of a device's state that are logged one by one, until it has had none
+/// for [`REPEAT_PERIOD`].
+const CHANGES_MAX: u32 = 6;
+
 /// Maximum length of a reason, in bytes.
 const REASON_BYTES_MAX: usize = 256;
 
@@ -51,6 +55,13 @@ pub(crate) struct DeviceReader {
     rate_hz: f64,
     /// The time at which each kind of refusal was logged last.
     told: Vec<(&'static str, Micros)>,
+    /// The start of the period in which changes of the state are counted, and their number.
+    told_changes: Option<(Micros, u32)>,
+    /// The last change of the state if it was not logged, and the changes since one was.
+    untold: Option<String>,
+    changes: u64,
+    /// `true` if the state has changed since the last call of [`Self::take_news`].
+    has_news: bool,
     events: Vec<String>,
 }
 
@@ -75,6 +86,10 @@ impl DeviceReader {
             counted: (0, 0),
             rate_hz: 0.0,
             told: Vec::new(),
+            told_changes: None,
+            untold: None,
+            changes: 0,
+            has_news: false,
             events: Vec::new(),
         }
     }
@@ -82,7 +97,7 @@ impl DeviceReader {
     /// Handles a UDP packet.
     pub fn handle_packet(&mut self, now: Micros, from: SocketAddr, packet: &[u8]) {
         let mut osc = self.osc.clone();
-        let readings = match osc.read(packet) {
+        let readings = match osc.read(now, packet) {
             Ok(readings) => readings,
             Err(fault) => {
                 return self.refuse(now, "damaged", &format!("a packet of {from}: {fault}"));
@@ -180,17 +195,46 @@ impl DeviceReader {
     fn set_state(&mut self, now: Micros, state: DeviceState, reason: Option<String>) {
         if self.state != state {
             (self.state, self.since) = (state, now);
+            self.has_news = true;
             let name = &self.device.name;
-            self.events.push(match &reason {
+            let text = match &reason {
                 Some(reason) => format!("device {name} is {}: {reason}", state.name()),
                 None => format!("device {name} is {}", state.name()),
-            });
+            };
+            self.changes += 1;
+            self.tell_change(now, text);
         } else if reason != self.reason
             && let Some(reason) = &reason
         {
-            self.events.push(format!("device {}: {reason}", self.device.name));
+            self.has_news = true;
+            let text = format!("device {}: {reason}", self.device.name);
+            self.tell_change(now, text);
         }
         self.reason = reason;
+    }
+
+    /// Logs a change of the state: the first [`CHANGES_MAX`], and of a device that goes on to come
+    /// and go its state once a period, with the number of changes.
+    fn tell_change(&mut self, now: Micros, text: String) {
+        let is_over = |(since, _)| now.saturating_sub(since) >= REPEAT_PERIOD;
+        if self.untold.is_none() && self.told_changes.is_none_or(is_over) {
+            self.told_changes = Some((now, 0));
+        }
+        let Some((_, count)) = &mut self.told_changes else { return };
+        *count += 1;
+        if *count <= CHANGES_MAX {
+            self.untold = None;
+            self.changes = 0;
+            self.events.push(text);
+        } else {
+            self.untold = Some(text);
+        }
+    }
+
+    /// Returns the time at which the last change that was not logged is due.
+    fn untold_due(&self) -> Option<Micros> {
+        let (since, _) = self.told_changes.filter(|_| self.untold.is_some())?;
+        Some(since + REPEAT_PERIOD)
     }
 
     /// Counts a reading that is ignored, and logs its kind.
@@ -233,6 +277,13 @@ impl DeviceReader {
             let reason = format!("no usable reading for {} ms", self.device.lost_ms);
             self.lose(now, DeviceState::Lost, &reason);
         }
+        if self.untold_due().is_some_and(|due| due <= now)
+            && let Some(text) = self.untold.take()
+        {
+            let changes = std::mem::take(&mut self.changes);
+            self.events.push(format!("{text}; its state has changed {changes} times"));
+            self.told_changes = Some((now, CHANGES_MAX));
+        }
         let (began, count) = self.counted;
         let elapsed = now.saturating_sub(began);
         if elapsed >= RATE_PERIOD {
@@ -257,7 +308,8 @@ impl DeviceReader {
     /// Returns the time at which [`Self::advance`] is due next.
     pub fn poll_timeout(&self) -> Option<Micros> {
         let filter = self.filter.as_ref().and_then(PoseFilter::poll_timeout);
-        [self.silence_ends(), self.values_end(), filter].into_iter().flatten().min()
+        let dues = [self.silence_ends(), self.values_end(), self.untold_due(), filter];
+        dues.into_iter().flatten().min()
     }
 
     fn take_filter_events(&mut self, now: Micros) {
@@ -301,6 +353,11 @@ impl DeviceReader {
             HeadInput::Osc { form, .. } => form.is_some(),
             HeadInput::Vrpn { .. } => true,
         })
+    }
+
+    /// Returns whether the state has changed since the last call.
+    pub fn take_news(&mut self) -> bool {
+        std::mem::take(&mut self.has_news)
     }
 
     /// Returns the events since the last call, as sentences.

@@ -85,8 +85,12 @@ struct WallFixture {
 
 impl WallFixture {
     fn new() -> Self {
+        Self::with_wall(&wall())
+    }
+
+    fn with_wall(wall: &Wall) -> Self {
         Self {
-            bridge: Bridge::new(&wall()),
+            bridge: Bridge::new(wall),
             answers: VecDeque::new(),
             heads: Vec::new(),
             flights: Vec::new(),
@@ -344,4 +348,70 @@ fn a_head_without_an_answer_is_sent_again_and_measures_no_latency() {
         assert_eq!(head, expected);
         bridge.handle_no_answer(head);
     }
+}
+
+#[test]
+fn two_devices_that_fly_take_turns_while_answers_are_slow() {
+    let mut wall = wall();
+    let mut second = Device { name: "wand".into(), head: None, ..wall.devices[0].clone() };
+    second.source = DeviceSource::Osc { listen: "127.0.0.1:9001".into() };
+    let fly = second.fly.as_mut().expect("controls");
+    (fly.right, fly.forward) = (fly.forward.take(), None);
+    wall.devices.push(second);
+    let mut bridge = Bridge::new(&wall);
+    let from = TRACKER.parse().expect("an address");
+    let mut ways = DVec2::ZERO;
+    // Each answer comes after the next flight of the first device is due.
+    for now in (0..2_000_000).step_by(20_000) {
+        for device in 0..2 {
+            bridge.handle_packet(now, device, from, &message("/stick", &[0.0, 1.0]));
+        }
+        if let Some((purpose, request)) = bridge.poll_request(now) {
+            if let Request::Fly(flight) = &request {
+                ways += DVec2::new(flight.offset_m.x, -flight.offset_m.z);
+            }
+            bridge.handle_answer(now, purpose, Ok(()));
+        }
+    }
+    assert!(ways.x > 3.5 && ways.y > 3.5, "2 m/s each, and {ways} m in 2 s");
+}
+
+#[test]
+fn halves_of_a_pose_that_lie_far_apart_are_no_pose() {
+    let mut wall = wall();
+    let head = wall.devices[0].head.as_mut().expect("a head");
+    let form = Some(RotationForm::Quaternion);
+    head.input =
+        HeadInput::Osc { position: "/position".into(), rotation: Some("/rotation".into()), form };
+    let mut stage = WallFixture::with_wall(&wall);
+    let position = message("/position", &[0.1, 0.0, 0.5]);
+    let rotation = message("/rotation", &[0.0, 0.0, 0.0, 1.0]);
+    stage.send(0, &rotation);
+    for now in (0..1_000_000).step_by(10_000) {
+        stage.send(now, &position);
+    }
+    let status = |stage: &WallFixture, now| stage.bridge.statuses(now)[0].state;
+    assert_eq!(status(&stage, 1_000_000), DeviceState::Lost, "no rotation for 200 ms");
+    for now in (1_000_000..1_100_000).step_by(10_000) {
+        stage.send(now, &position);
+        stage.send(now, &rotation);
+    }
+    assert_eq!(status(&stage, 1_100_000), DeviceState::Live);
+}
+
+#[test]
+fn a_device_that_comes_and_goes_is_reported_each_time_and_logged_a_few_times() {
+    let mut stage = WallFixture::new();
+    // It is lost for 100 ms in every 300 ms.
+    for now in (0..60_000_000).step_by(10_000) {
+        if now % 300_000 == 0 {
+            stage.send(now, &pose(0.1));
+        }
+        stage.poll(now);
+    }
+    let reported = stage.reports.iter().filter(|report| report[0].state == DeviceState::Lost);
+    assert!(reported.count() > 100, "the status follows");
+    let logged: Vec<_> = stage.events.iter().filter(|event| event.contains(" is ")).collect();
+    assert!((7..=15).contains(&logged.len()), "{} lines: {logged:#?}", logged.len());
+    assert!(logged.iter().any(|line| line.contains("its state has changed ")), "{logged:#?}");
 }
