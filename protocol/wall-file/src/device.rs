@@ -308,13 +308,25 @@ impl DeviceEntry<'_> {
                 return Err(self.error("head.rotation", what, remedy));
             }
         }
-        let form =
-            (pose.is_some() || rotation.is_some()).then(|| self.form(*form, order.as_deref()));
+        let has_rotation = pose.is_some() || rotation.is_some();
+        if !has_rotation {
+            self.refuse_rotation_keys(section)?;
+        }
+        let form = has_rotation.then(|| self.form(*form, order.as_deref()));
         Ok(HeadInput::Osc {
             position: first.clone(),
             rotation: rotation.clone(),
             form: form.transpose()?,
         })
+    }
+
+    /// Refuses what describes a rotation, where there is none.
+    fn refuse_rotation_keys(&self, section: &HeadSection) -> Result<(), WallFileError> {
+        let keys = [("form", section.form.is_some()), ("order", section.order.is_some())];
+        let Some((key, _)) = keys.iter().find(|(_, is_there)| *is_there) else { return Ok(()) };
+        let what = format!("there is no rotation, whose {key} it would be");
+        let remedy = "add rotation = \"/ADDRESS\", write pose instead of position, or take it away";
+        Err(self.error(&format!("head.{key}"), what, remedy))
     }
 
     fn form(

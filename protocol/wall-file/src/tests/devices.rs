@@ -110,6 +110,7 @@ fn wrong_devices_are_refused_with_key_and_remedy() {
         (TRACKER, "/head/angles", "/head/position", "device[0].head.rotation", "already"),
         (TRACKER, "\"zyx\"", "\"zzx\"", "device[0].head.order", "yxz"),
         (TRACKER, "form = \"euler-degrees\"", "", "device[0].head.order", "angles"),
+        (TRACKER, "rotation = \"/head/angles\"", "", "device[0].head.form", "no rotation"),
         (
             TRACKER,
             "prediction_ms = 20",
