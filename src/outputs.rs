@@ -1,17 +1,20 @@
 //! Files and folders that a command writes, with errors that name them.
 
+use std::ffi::OsStr;
 use std::path::Path;
 
 use anyhow::{Context, bail};
 use polyptych_files::output_file::{self, OutputFile};
 
 /// Extensions of files that a person may have written, or that cannot be made again.
-const SOURCES: [&str; 8] = ["toml", "gltf", "glb", "bin", "rec", "incident", "py", "rs"];
+const SOURCES: [&str; 10] =
+    ["toml", "gltf", "glb", "bin", "hdr", "pfm", "rec", "incident", "py", "rs"];
 
 /// Checks that a picture or a report can be written at this path, before the work that makes it.
 /// A source that exists is no place for one.
 pub(crate) fn check(path: &Path) -> anyhow::Result<()> {
-    let is_source = path.extension().is_some_and(|of| SOURCES.iter().any(|name| of == *name));
+    let is_named = |of: &OsStr| SOURCES.iter().any(|name| of.eq_ignore_ascii_case(name));
+    let is_source = path.extension().is_some_and(is_named);
     if is_source && path.exists() {
         let file = path.display();
         bail!("{file} is a source, which a picture or report would replace; name another file");
@@ -73,5 +76,18 @@ mod tests {
         check(&picture).expect("pictures are replaced");
         check(&new).expect("nothing is lost");
         check_source(&wall, true).expect("it was asked for");
+    }
+
+    #[test]
+    fn a_source_is_known_however_its_extension_is_written() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for (name, is_source) in
+            [("town.GLB", true), ("sky.hdr", true), ("warp.Pfm", true), ("wall.PNG", false)]
+        {
+            let path = folder.path().join(name);
+            check(&path).unwrap_or_else(|error| panic!("{name} is new: {error}"));
+            std::fs::write(&path, b"made by hand").expect("written");
+            assert_eq!(check(&path).is_err(), is_source, "{name}");
+        }
     }
 }

@@ -106,7 +106,10 @@ pub(crate) fn view_rects(
 pub(crate) fn check_frame(frame: &Frame) -> Result<(), String> {
     let views = frame.presentation.views.len() + 1;
     if views > VIEWS_MAX {
-        return Err(format!("{views} views, where {VIEWS_MAX} can be"));
+        return Err(format!(
+            "the frame has {views} views, with that of the wall itself; the maximum is \
+             {VIEWS_MAX}: take views away"
+        ));
     }
     Ok(())
 }
