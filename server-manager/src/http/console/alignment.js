@@ -32,12 +32,17 @@ async function send() {
   if (isSending) return;
   isSending = true;
   try {
-    while (channel && waiting.size) {
+    let isStale = false;
+    while (channel && (waiting.size || isStale)) {
+      if (!waiting.size) {
+        isStale = !await readAgain();
+        continue;
+      }
       const changes = [...waiting.values()];
       waiting = new Map();
       const done = await act("POST", `${path()}/calibration`, { changes });
       // A picture that would be folded is refused: it stays as it was.
-      if (done === undefined) await readAgain();
+      isStale ||= done === undefined;
       loadPicture();
     }
   } finally {
@@ -45,13 +50,18 @@ async function send() {
   }
 }
 
+/** Takes the channel as the wall has it. Returns false if a point was moved meanwhile, which is
+ *  newer: its button may be in the hand. */
 async function readAgain() {
+  const of = channel;
   const wall = await read("/api/v1/wall");
-  const found = wall?.channels.find(({ name }) => name === channel?.name);
-  if (!found) return;
+  if (waiting.size) return false;
+  const found = wall?.channels.find(({ name }) => name === of?.name);
+  if (!found || channel !== of) return true;
   state.wall = wall;
   channel = structuredClone(found);
   placeHandles();
+  return true;
 }
 
 async function loadPicture() {

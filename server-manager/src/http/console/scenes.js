@@ -1,6 +1,6 @@
 // Scenes: files of the manager, saved ones, and sessions of all that the wall shows.
 
-import { act, read } from "./requests.js";
+import { act, log, read } from "./requests.js";
 import { byId, on, state } from "./state.js";
 
 const encoded = encodeURIComponent;
@@ -51,6 +51,11 @@ export function showScene() {
 const open = (path, keep_camera) =>
   act("POST", "/api/v1/scene/open", { path, keep_camera });
 
+async function openSession(name) {
+  const opened = await act("POST", `/api/v1/sessions/${encoded(name)}/open`);
+  for (const part of opened?.left_out ?? []) log(`session ${name}, left out: ${part}`, true);
+}
+
 function ofForm(id, list, path) {
   on(id, "submit", async (event) => {
     event.preventDefault();
@@ -85,8 +90,7 @@ export function startScenes(refresh) {
   ofChosen("remove-saved", "saved",
     (name) => act("DELETE", `/api/v1/scene/saved/${encoded(name)}`), listSaved);
   ofForm("save-session-form", listSessions, "/api/v1/sessions/");
-  ofChosen("open-session", "sessions",
-    (name) => act("POST", `/api/v1/sessions/${encoded(name)}/open`), refresh);
+  ofChosen("open-session", "sessions", openSession, refresh);
   ofChosen("remove-session", "sessions",
     (name) => act("DELETE", `/api/v1/sessions/${encoded(name)}`), listSessions);
   listFiles();
