@@ -95,6 +95,7 @@ pub use polyptych_protocol::feedback::{Edited, Tuned};
 pub use polyptych_protocol::follow::Follow;
 pub use polyptych_protocol::head_update::HeadUpdate;
 pub use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision};
+pub use polyptych_protocol::leader_status::LeaderStatus;
 pub use polyptych_protocol::navigation::Flight;
 pub use polyptych_protocol::node_query::{
     LayerInfo, NODES_MAX, NearestPoint, NearestQuery, NodeInfo, NodeKind, NodePage, NodeQuery,

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::device_status::DeviceStatus;
 use crate::ids::{Digest, Epoch, FrameId, Revision};
+use crate::leader_status::LeaderStatus;
 use crate::presentation::Presentation;
 use crate::progress::Opening;
 use crate::quality_bounds::DrawnDetail;
@@ -224,6 +225,9 @@ pub struct WallStatus {
     /// The trackers, wands and pads of the wall file, in its order.
     #[serde(default)]
     pub devices: Vec<DeviceStatus>,
+    /// The manager that answers, if several share the wall.
+    #[serde(default)]
+    pub leader: Option<LeaderStatus>,
 }
 
 /// A channel as it stands.

@@ -30,6 +30,7 @@ pub mod handshake;
 pub mod handshake_io;
 pub mod head_update;
 pub mod ids;
+pub mod leader_status;
 pub mod limits;
 pub mod luminance;
 pub mod manager_addresses;

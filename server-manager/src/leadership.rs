@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::ids::Term;
+use polyptych_protocol::leader_status::LeaderStatus;
 use tokio_util::sync::CancellationToken;
 
 use crate::lease::{Contender, LeaseFile, LeaseFileError, LeaseRecord};
@@ -158,9 +159,9 @@ impl Leadership {
         self.shared.term
     }
 
-    /// This manager's name in the lease.
-    pub fn holder(&self) -> &str {
-        &self.shared.holder
+    /// Returns this lead as clients see it.
+    pub fn status(&self) -> LeaderStatus {
+        LeaderStatus { term: self.shared.term, holder: self.shared.holder.clone() }
     }
 
     /// Returns whether this manager may command now. A lease that has run out is renewed first,

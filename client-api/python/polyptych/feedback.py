@@ -308,6 +308,16 @@ class DeviceStatus:
 
 
 @dataclass(frozen=True)
+class LeaderStatus:
+    """The manager that leads, where several share the wall."""
+
+    #: How often the lease was taken, up to this manager.
+    term: int
+    #: Its address, process and machine, for people.
+    holder: str
+
+
+@dataclass(frozen=True)
 class WallStatus:
     """The wall as it stands."""
 
@@ -336,6 +346,8 @@ class WallStatus:
     rest: RestStatus = RestStatus()
     #: The trackers, wands and pads of the wall file, in its order.
     devices: List[DeviceStatus] = field(default_factory=list)
+    #: The manager that answers, where several share the wall.
+    leader: Optional[LeaderStatus] = None
 
 
 @dataclass(frozen=True)

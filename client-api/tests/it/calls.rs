@@ -48,6 +48,7 @@ fn status() -> WallStatus {
         environment: None,
         rest: polyptych_client::RestStatus::default(),
         devices: Vec::new(),
+        leader: None,
     }
 }
 

@@ -99,6 +99,8 @@ impl Cluster {
             environment: self.shown.environment.as_ref().map(|of| of.name.clone()),
             rest: self.rest.status(),
             devices: self.devices.statuses(now),
+            // The core has no lease.
+            leader: None,
         }
     }
 

@@ -94,6 +94,7 @@ mod tests {
             environment: None,
             rest: RestStatus::default(),
             devices: Vec::new(),
+            leader: None,
         }
     }
 

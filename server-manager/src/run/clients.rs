@@ -11,6 +11,7 @@ use tokio::time::{Duration, Instant};
 
 use super::EventLoop;
 use super::querying::Query;
+use crate::leadership::Leadership;
 use crate::requests::{Asked, RequestQueues};
 use crate::session::ClientHandle;
 use crate::state_file::keeper::{Keeper, tells_of_change};
@@ -160,6 +161,7 @@ impl EventLoop {
         if let MessageToClient::Reply { reply: Ok(Response::Status(status)), .. } = &mut answer {
             status.warnings.extend(self.keeper.as_ref().and_then(Keeper::warning));
             status.warnings.extend(self.cluster.warning());
+            status.leader = self.options.leadership.as_ref().map(Leadership::status);
             status.memory_bytes = process::resident_bytes().unwrap_or(0);
         }
         if let MessageToClient::Reply { reply: Ok(Response::Statistics(statistics)), .. } =

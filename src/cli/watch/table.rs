@@ -135,6 +135,7 @@ fn body(view: &WatchModel, width: usize, height: usize, texts_max: usize) -> Vec
         Some(status) => {
             lines.push(vec![piece(wall_in_words(status, view.rates), Tone::Head)]);
             lines.push(vec![piece(counts_in_words(&status.channels), Tone::Plain)]);
+            lines.extend(leader_in_words(status).map(|text| vec![piece(text, Tone::Plain)]));
             lines.extend(openings(status).map(|text| vec![piece(text, Tone::Busy)]));
             lines.extend(modes_in_words(status).map(|text| vec![piece(text, Tone::Warning)]));
             let live = status.devices.iter().filter(|of| of.state == DeviceState::Live);
@@ -161,6 +162,12 @@ fn first_of<'a>(
     let more = (more > 0).then(|| format!("and {}", counted(more, &format!("more {kind}"))));
     let first = texts.iter().take(texts_max).map(move |text| format!("{kind}: {text}"));
     first.chain(more).map(move |text| vec![piece(text, tone)])
+}
+
+/// The manager that leads, where several share the wall.
+fn leader_in_words(status: &WallStatus) -> impl Iterator<Item = String> {
+    let leader = status.leader.iter();
+    leader.map(|leader| format!("led by {}, term {}", printable(&leader.holder), leader.term))
 }
 
 /// The first scenes that are being opened.

@@ -20,6 +20,7 @@ use polyptych_protocol::handshake::{
     ServerHello, Welcome,
 };
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId, Revision, Term};
+use polyptych_protocol::leader_status::LeaderStatus;
 use polyptych_protocol::navigation::{Flight, Navigation};
 use polyptych_protocol::node_query::{NearestQuery, NodeKind, NodeQuery, RayQuery};
 use polyptych_protocol::output_mode::OutputMode;
@@ -406,6 +407,7 @@ fn status() -> WallStatus {
         environment: Some("studio.hdr".into()),
         rest: rest(),
         devices: Vec::new(),
+        leader: Some(LeaderStatus { term: Term(3), holder: "two:7878".into() }),
         presentation: Presentation {
             marker: Some(marker()),
             output_mode: OutputMode::Freeze,

@@ -46,6 +46,7 @@ pub fn wall(channels: usize) -> WallStatus {
         environment: None,
         rest: polyptych_client::RestStatus::default(),
         devices: Vec::new(),
+        leader: None,
         presentation: Presentation::new(HeadPose::facing_forward(DVec3::X, 0.05)),
     }
 }
