@@ -4,6 +4,7 @@
 //! - `one_process`: manager, servers and client on threads of one process
 //! - `wall_of_processes`: a wall is started, driven, hurt and ended, all by the command
 //! - `manager_kills`: what a manager has said to be done outlives it
+//! - `standby`: a second manager takes over when the first is killed or stopped
 //! - `restarts`: what a manager keeps that is started again, by another path or with an edited file
 //! - `beginnings`: what stands in the way of a process that starts, or outlives it
 //! - `up`: all processes of a wall are started on their machines, kept, and ended
@@ -109,6 +110,7 @@ mod scheduled_swap;
 mod seams;
 mod seen;
 mod soak;
+mod standby;
 mod stopping;
 mod styles;
 mod surroundings;

@@ -26,13 +26,13 @@ const MOVING_TIME_MAX: Duration = Duration::from_secs(3);
 /// Longest time from the first request of a manager's life to its death.
 const LIFE_MAX: Duration = Duration::from_millis(400);
 
-const SCENES: [Option<&str>; 3] = [None, Some("left"), Some("right")];
+pub const SCENES: [Option<&str>; 3] = [None, Some("left"), Some("right")];
 
 /// The state of a wall, as a client knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Shown {
-    scene: Option<&'static str>,
-    camera: usize,
+pub struct Shown {
+    pub scene: Option<&'static str>,
+    pub camera: usize,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -63,21 +63,21 @@ fn cameras() -> [Camera; 2] {
 }
 
 /// A client that asks for one thing after the other until its manager is gone.
-struct Driver {
-    thread: JoinHandle<Driven>,
-    began: Receiver<()>,
+pub struct Driver {
+    pub thread: JoinHandle<Driven>,
+    pub began: Receiver<()>,
 }
 
 /// The knowledge of a client whose manager is gone.
-struct Driven {
+pub struct Driven {
     /// The states that the wall may show: the camera of a wall without a scene is not seen.
-    possible: Vec<Shown>,
-    acknowledged: u64,
+    pub possible: Vec<Shown>,
+    pub acknowledged: u64,
 }
 
 impl Driver {
     /// `choices` of which three are scenes and the others cameras, which take less time.
-    fn start(client: Client, mut possible: Vec<Shown>, choices: u64) -> Self {
+    pub fn start(client: Client, mut possible: Vec<Shown>, choices: u64) -> Self {
         let (begins, began): (SyncSender<()>, _) = sync_channel(1);
         let work = move || {
             for acknowledged in 0.. {
@@ -108,7 +108,7 @@ impl Driver {
 }
 
 /// A number below `end` that differs from run to run, as the moments of a kill do anyway.
-fn random_below(end: u64) -> usize {
+pub fn random_below(end: u64) -> usize {
     let mut bytes = [0; 8];
     getrandom::fill(&mut bytes).expect("random bytes");
     (u64::from_le_bytes(bytes) % end) as usize
@@ -176,7 +176,7 @@ fn nothing_that_was_acknowledged_is_lost() {
 }
 
 /// Waits until a frame was drawn by all.
-fn await_moving(client: &Client) {
+pub fn await_moving(client: &Client) {
     let mut feedbacks = client.feedback().expect("a stream");
     wait::within("a frame of all channels", move || {
         let is_whole =
@@ -186,16 +186,16 @@ fn await_moving(client: &Client) {
 }
 
 /// The picture of each state.
-struct Pictures(Vec<(Shown, RgbaImage)>);
+pub struct Pictures(Vec<(Shown, RgbaImage)>);
 
 impl Pictures {
-    fn of(&self, shown: Shown) -> &RgbaImage {
+    pub fn of(&self, shown: Shown) -> &RgbaImage {
         &self.0.iter().find(|(of, _)| *of == shown).expect("all were taken").1
     }
 }
 
 /// The pictures of all states; leaves the last of them on the wall.
-fn pictures_of_all(client: &Client) -> Pictures {
+pub fn pictures_of_all(client: &Client) -> Pictures {
     let mut pictures = Vec::new();
     for scene in SCENES {
         ClientAction::Scene(scene).ask(client).expect("shown");
