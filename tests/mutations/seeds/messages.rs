@@ -117,16 +117,11 @@ pub fn hellos() -> Vec<Hello> {
 }
 
 fn greetings() -> Vec<HelloReply> {
+    let (term, wall) = (Term(2), "seed".into());
     vec![
         HelloReply::Refused(Rejection { reason: "no".into() }),
         HelloReply::Welcome(
-            Welcome {
-                epoch: EPOCH,
-                term: Term::default(),
-                session: 2,
-                wall: "seed".into(),
-                heartbeat_ms: 2000,
-            },
+            Welcome { epoch: EPOCH, term, session: 2, wall, heartbeat_ms: 2000 },
             nonces().proof_of_manager(&Secret(TOKEN.into())),
         ),
     ]
