@@ -83,8 +83,8 @@ pub struct ManagerOptions {
     /// The file in which the open scene and the camera are remembered over a restart; `None` for
     /// a wall that begins afresh each time.
     pub memory: Option<PathBuf>,
-    /// The lease of a wall that several managers share; without it this manager commands and
-    /// writes nothing.
+    /// The lease of a wall that several managers share: when it is lost, this manager commands and
+    /// writes nothing more. `None` for the only manager of a wall.
     pub leadership: Option<Leadership>,
     /// `true` if the mouse over a window of a server moves the wall's camera.
     pub is_navigable: bool,

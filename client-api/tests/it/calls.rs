@@ -117,8 +117,6 @@ pub fn answer(request: &Request) -> Response {
 async fn every_call_sends_its_request_and_gives_its_reply() {
     let (client, mut manager) = pair().await;
     let camera = Camera::IDENTITY.with_scale(2.0);
-    let path = || "a.glb".to_owned();
-    let looking = Camera::look_at(DVec3::X, DVec3::ZERO, DVec3::Y);
     let script = tokio::spawn(async move {
         let mut seen = Vec::new();
         while let Some((id, request)) = manager.next().await {
@@ -160,10 +158,10 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
     client.stop().await.expect("stopped");
     drop(client);
     let expected = [
-        Request::OpenScene { path: path(), scene: None },
+        Request::OpenScene { path: "a.glb".into(), scene: None },
         Request::CloseScene,
         Request::SetCamera(camera),
-        Request::SetCamera(looking),
+        Request::SetCamera(Camera::look_at(DVec3::X, DVec3::ZERO, DVec3::Y)),
         Request::SetHead(DVec3::Z.into()),
         Request::SetHead(head.into()),
         Request::SetViews(vec![view]),

@@ -1,11 +1,12 @@
 //! The pictures that surfaces which transmit light see behind them, and those whose light spreads
 //! as glow: where they lie, so that all channels of a screen compute the same texels.
 //!
-//! A view with glow has a wide one, and with what transmits light two of them: a sharp one, a pixel a texel, for what is refracted little, and a wide
-//! one of at most [`TEXELS_PER_RADIAN`] for what is refracted or blurred far. Each is larger than
-//! what is seen by a guard band, and begins at a multiple of its coarsest texel in pixels of the
-//! canvas, which the tiles of a screen share. Shaders clamp offsets and filters to the guard band,
-//! as a function of the point alone; so no pixel depends on the channel that draws it.
+//! A view with glow has a wide one, and with what transmits light two of them: a sharp one, a
+//! pixel a texel, for what is refracted little, and a wide one of at most [`TEXELS_PER_RADIAN`]
+//! for what is refracted or blurred far. Each is larger than what is seen by a guard band, and
+//! begins at a multiple of its coarsest texel in pixels of the canvas, which the tiles of a screen
+//! share. Shaders clamp offsets and filters to the guard band, as a function of the point alone;
+//! so no pixel depends on the channel that draws it.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3};

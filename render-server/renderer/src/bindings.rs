@@ -158,8 +158,8 @@ pub(crate) fn picture_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
     })
 }
 
-/// Group 1 of the way to the display target with glow: the float target, a sampler, the picture that
-/// spreads, and the uniforms of a view, each at an offset.
+/// Group 1 of the way to the display target with glow: the float target, a sampler, the picture
+/// that spreads, and the uniforms of a view, each at an offset.
 pub(crate) fn glow_layout(device: &wgpu::Device, uniform_size: usize) -> wgpu::BindGroupLayout {
     let uniform = wgpu::BufferBindingType::Uniform;
     let uniform = buffer(3, wgpu::ShaderStages::FRAGMENT, uniform, true, uniform_size);

@@ -252,8 +252,8 @@ impl Pipelines {
         PipelineKey { shadows, linear: key.linear || variant.is_light, ..*key }
     }
 
-    /// Makes what is missing for another tone mapper, fog or glow, if the scene was prepared for one: a
-    /// frame brings them, and a state only what stays.
+    /// Makes what is missing for another tone mapper, fog or glow, if the scene was prepared for
+    /// one: a frame brings them, and a state only what stays.
     pub fn prepare_look(&mut self, gpu: &Gpu, keys: &[PipelineKey], variant: PipelineVariant) {
         let is_ready = |(tone, fog, is_light)| {
             let variant = PipelineVariant { tone, fog, is_light, ..variant };

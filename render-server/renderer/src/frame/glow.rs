@@ -15,18 +15,24 @@ use crate::scene::GpuScene;
 use crate::target::Target;
 use crate::view::ViewDesc;
 
+/// Maximum number of texels of all pictures of a frame: 500 MB with four samples each. A channel of
+/// 4K has 1.6 million, and each further view at least 0.3 million.
+const TEXELS_MAX: u64 = 8 << 20;
+
 /// What glow needs from frame to frame; nothing of it before there is any.
 #[derive(Debug)]
 pub(super) struct GlowPictures {
     pass: Option<GlowPass>,
     pictures: BehindPictures,
     uniforms: FrameBuffer,
+    /// The views of the last frame were too many to glow.
+    is_too_large: bool,
 }
 
 impl Default for GlowPictures {
     fn default() -> Self {
         let uniforms = FrameBuffer::new("frame/glow", wgpu::BufferUsages::UNIFORM);
-        Self { pass: None, pictures: BehindPictures::default(), uniforms }
+        Self { pass: None, pictures: BehindPictures::default(), uniforms, is_too_large: false }
     }
 }
 
@@ -37,8 +43,21 @@ pub(super) struct SpreadLight {
     views: Vec<([u32; 4], GlowUniform)>,
 }
 
+impl GlowPictures {
+    /// Returns the sides of a frame's picture, and logs once that there is no room for one: a
+    /// channel without glow is better than none.
+    fn room(&mut self, sides: Option<[u32; 2]>) -> Option<[u32; 2]> {
+        let was_too_large = std::mem::replace(&mut self.is_too_large, sides.is_none());
+        if sides.is_none() && !was_too_large {
+            tracing::warn!("too many views to glow: they are shown without; show fewer views");
+        }
+        sides
+    }
+}
+
 impl FrameResources {
-    /// Draws the light that spreads over all views with glow; `None` if there are none.
+    /// Draws the light that spreads over all views with glow; `None` if there are none, or more
+    /// than [`TEXELS_MAX`] hold.
     ///
     /// # Errors
     /// More is shown than is held for one frame, or the GPU failed.
@@ -59,10 +78,11 @@ impl FrameResources {
             return Ok(None);
         }
         let side_max = gpu.device.limits().max_texture_dimension_2d;
-        let sides = pack(regions.iter_mut().flatten(), side_max).ok_or_else(|| {
-            let reason = format!("its glow does not fit into {side_max} pixels; show fewer views");
-            DrawError::View { index: 0, reason }
-        })?;
+        let texels =
+            regions.iter().flatten().map(|of| u64::from(of.size[0]) * u64::from(of.size[1]));
+        let is_small = texels.sum::<u64>() <= TEXELS_MAX;
+        let sides = pack(regions.iter_mut().flatten(), side_max).filter(|_| is_small);
+        let Some(sides) = self.glow.room(sides) else { return Ok(None) };
         let texture = self.glow.pictures.texture(gpu, (sides, target.samples()));
         // What is behind glass needs pictures of its own, which this one is drawn without.
         let is_drawn = |item| {
@@ -111,7 +131,7 @@ impl FrameResources {
 
 /// The part of the picture that a view glows with.
 fn part(view: &ViewDesc, region: &[BehindRegion]) -> Option<SpreadPart> {
-    let (glow, region) = (view.glow.as_ref()?, region.first()?);
+    let (glow, region) = (view.glow?, region.first()?);
     let [[x, y], [width, height]] = [region.place, region.size];
     let stays = stays(glow, region.texel_rad(view));
     Some(SpreadPart { rectangle: [x, y, width, height], stays })
@@ -137,7 +157,7 @@ fn uniform(view: &ViewDesc, region: &[BehindRegion], size: [u32; 2]) -> GlowUnif
 /// A level spreads light over about the width of its texels, 2^level of the finest. It takes the
 /// octave up from there, as far as it is among those of the glow; what is narrower than the finest
 /// level goes to that, and what is wider than the widest to that one.
-fn stays(glow: &Glow, texel_rad: f64) -> [f64; LEVELS as usize + 1] {
+fn stays(glow: Glow, texel_rad: f64) -> [f64; LEVELS as usize + 1] {
     let widest = (f64::from(glow.width_degrees).to_radians() / texel_rad).log2();
     let narrowest = widest - GLOW_OCTAVES;
     let mut stays = [1.0; LEVELS as usize + 1];
@@ -172,13 +192,13 @@ mod tests {
     fn all_octaves_spread_as_much_light_and_none_is_lost() {
         // The widest is 32 texels, of level 5: the five octaves begin with a texel.
         let glow = Glow { strength: 0.5, width_degrees: 3.2 };
-        let found = shares(stays(&glow, 0.1_f64.to_radians()));
+        let found = shares(stays(glow, 0.1_f64.to_radians()));
         for (share, wanted) in found.iter().zip([0.2, 0.2, 0.2, 0.2, 0.2, 0.0, 0.0]) {
             assert!((share - wanted).abs() < 1e-6, "{found:?}");
         }
         for (width_degrees, texel_deg) in [(0.1, 0.2), (7.0, 0.01), (7.0, 0.12), (1.0, 0.1)] {
             let glow = Glow { strength: 0.5, width_degrees };
-            let found = shares(stays(&glow, f64::to_radians(texel_deg)));
+            let found = shares(stays(glow, f64::to_radians(texel_deg)));
             assert!((found.iter().sum::<f64>() - 1.0).abs() < 1e-9, "{found:?}");
             assert!(found.iter().all(|share| *share >= 0.0), "{found:?}");
         }

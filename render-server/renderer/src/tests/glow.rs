@@ -146,6 +146,22 @@ fn tiles_agree_with_one_camera_where_lamps_are_beside_them() {
 }
 
 #[test]
+fn views_that_are_too_many_to_glow_are_shown_without() {
+    let scene = cards(&[([0.0, 0.0], 0.5, glowing(9.0))]);
+    // 36 of them, each with a picture of 0.3 million texels.
+    let parts = |glow| {
+        let part = |at: u32| ViewDesc {
+            scissor: Some([at % 6 * 150, at / 6 * 100, 150, 100]),
+            ..view(glow)
+        };
+        let views: Vec<ViewDesc> = (0..36).map(part).collect();
+        draw_sampled(&scene, CANVAS, 1, &views).0
+    };
+    let [plain, glowing] = [None, Some(Glow::new(0.5))].map(parts);
+    assert_eq!(differences(&plain, &glowing)[1], 0);
+}
+
+#[test]
 fn plans_do_not_glow_and_numbers_that_no_glow_has_are_refused() {
     let scene = cards(&[([0.0, 0.0], 0.5, glowing(9.0))]);
     let mut renderer = Renderer::new(gpu(), 1).unwrap();
