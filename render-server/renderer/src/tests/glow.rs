@@ -141,7 +141,8 @@ fn tiles_agree_with_one_camera_where_lamps_are_beside_them() {
             }
         }
         println!("glow ×{samples}: {total:?} of {}", whole.len());
-        assert!(total[0] * 200 <= whole.len() && total[2] * 50_000 <= whole.len(), "{total:?}");
+        // None does; with a guard band of 8 texels it is 1,700, by a code or two each.
+        assert!(total[0] * 10_000 <= whole.len() && total[2] == 0, "{total:?}");
     }
 }
 
