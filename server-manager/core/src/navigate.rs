@@ -192,6 +192,10 @@ fn flown(camera: &Camera, eye: DVec3, bounds: Option<&Bounds>, flight: &Flight) 
 
 /// Scales display space about the pivot.
 fn zoomed(camera: &Camera, pivot: DVec3, radius: f64, zoom: f64) -> Camera {
+    // To scale by nothing would still round.
+    if zoom == 1.0 {
+        return *camera;
+    }
     let [least, most] = [radius / RADIUS_M[1], radius / RADIUS_M[0]];
     let wanted = camera.scale / zoom.clamp(1.0 / ZOOM_MAX, ZOOM_MAX);
     // A camera that a client has set beyond the limits may come back.
@@ -327,6 +331,14 @@ mod tests {
             }
             let back = after(&camera, |it| it.zoom = 1.0 / zoom);
             assert!(back != camera, "it comes back from the limit");
+        }
+    }
+
+    #[test]
+    fn a_move_by_nothing_changes_no_bit() {
+        for x in 0..100 {
+            let start = Camera { position: DVec3::new(f64::from(x) / 7.0, 0.1, 0.7), ..camera() };
+            assert_eq!(after(&start, |_| {}), start);
         }
     }
 
