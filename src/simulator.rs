@@ -7,6 +7,7 @@ pub(crate) mod faults;
 pub(crate) mod frame_series;
 pub(crate) mod gallery;
 pub(crate) mod local_wall;
+pub(crate) mod look;
 pub(crate) mod orbit;
 pub(crate) mod run_page;
 pub(crate) mod run_report;

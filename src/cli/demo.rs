@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
+use super::surroundings::LookArguments;
 use super::{http, say, seconds, server, simulate};
 use crate::simulator::town::TownExtras;
 
@@ -68,10 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         no_occlusion: false,
         windows,
         record: None,
-        exposure: None,
-        environment: Some("sky".into()),
-        fog: None,
-        glow: None,
+        look: LookArguments { environment: Some("sky".into()), ..LookArguments::default() },
         error_bound: 0.0,
         rate_bound: None,
         out: arguments.out.clone(),

@@ -9,17 +9,15 @@ use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_client::blocking::{Client, Pending};
 use polyptych_client::glam::DVec3;
-use polyptych_client::{
-    Bounds, Camera, EnvironmentSource, Fog, Glow, QualityBounds, Request, Response, fit_bounds,
-};
+use polyptych_client::{Bounds, Camera, QualityBounds, Request, Response, fit_bounds};
 use polyptych_manager::recorder::Recorder;
 use polyptych_text::counted;
 use polyptych_wall::Wall;
 
 use super::progress::ProgressReport;
-use super::remote::{open_scene, point, positive, say_notes};
+use super::remote::{open_scene, point, say_notes};
 use super::seen::Seen;
-use super::surroundings::{Brightness, glow_strength};
+use super::surroundings::LookArguments;
 use super::{
     bake_files, bound, cache_folder, http, load_wall, log_file_warnings, login, manager, rate, say,
     seconds,
@@ -28,6 +26,7 @@ use crate::simulator::ending::Ending;
 use crate::simulator::faults::{self, Fault, FaultHooks, Faults};
 use crate::simulator::frame_series::FrameSeries;
 use crate::simulator::local_wall::{INTERRUPTED, LocalWall, LocalWallOptions};
+use crate::simulator::look::{Brightness, Look};
 use crate::simulator::orbit;
 use crate::simulator::run_page;
 use crate::simulator::run_report::RunReport;
@@ -91,20 +90,8 @@ pub(super) struct Arguments {
     /// another button or Shift) and zooms (wheel). Closing a window ends the run
     #[arg(long)]
     pub windows: bool,
-    /// Multiply all light by this, or "auto": by what the wall shows [default: 1, or what suits
-    /// lights in real units]
-    #[arg(long, value_name = "FACTOR|auto", value_parser = Brightness::parse)]
-    pub exposure: Option<Brightness>,
-    /// Surround the scene by light: an equirectangular Radiance .hdr file; or "sky", a clear sky
-    /// with the scene's sun
-    #[arg(long, value_name = "FILE|sky")]
-    pub environment: Option<String>,
-    /// Lay fog over the scene: the distance of sight in world units
-    #[arg(long, value_name = "VISIBILITY", value_parser = positive)]
-    pub fog: Option<f64>,
-    /// Spread this share of all light around what is bright, above 0 and up to 1
-    #[arg(long, value_name = "STRENGTH", value_parser = glow_strength)]
-    pub glow: Option<f32>,
+    #[command(flatten)]
+    pub look: LookArguments,
     /// Draw coarser levels of detail where that moves no edge by more pixels of the wall than this
     #[arg(long, value_name = "PX", default_value_t = 0.0, value_parser = bound::error_px)]
     pub error_bound: f64,
@@ -185,10 +172,8 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
     let shown = shown_with(arguments.scene.as_deref(), arguments.extras)?;
     let folder = |file: &Path| file.parent().unwrap_or(Path::new("/")).to_owned();
     let mut scene_roots = vec![folder(&shown.file)];
-    let environment = arguments.environment.as_deref().map(surroundings).transpose()?;
-    if let Some(EnvironmentSource::File { path }) = &environment {
-        scene_roots.push(folder(Path::new(path)));
-    }
+    let look = arguments.look.look()?;
+    scene_roots.extend(look.folder());
     let baker = manager::default_baker()?;
     let count = wall.channels.len();
     let (channels, screens) = (counted(count, "channel"), counted(wall.screens.len(), "screen"));
@@ -215,7 +200,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
         let link = login::link(&address.to_string(), &local.token)?;
         say(format_args!("the page is at {}; log in once: {link}", http::url(address, false)))?;
     }
-    let driven = drive(&local, wall, (&shown, environment), arguments);
+    let driven = drive(&local, wall, (&shown, &look), arguments);
     match local.end.ending() {
         // What failed then failed for that reason.
         Some(ending) if !local.end.is_reported() => broken_off(ending),
@@ -258,7 +243,7 @@ fn broken_off(ending: Ending) -> anyhow::Result<ExitCode> {
 fn drive(
     local: &LocalWall,
     wall: &Wall,
-    (shown, environment): (&ReferenceScene, Option<EnvironmentSource>),
+    (shown, look): (&ReferenceScene, &Look),
     arguments: &Arguments,
 ) -> anyhow::Result<ExitCode> {
     let client = &local.client;
@@ -272,18 +257,7 @@ fn drive(
         counted(summary.triangles, "triangle")
     ))?;
     say_notes(&summary.notes)?;
-    if let Some(environment) = environment {
-        client.set_environment(environment)?;
-    }
-    if let Some(visibility) = arguments.fog {
-        client.set_fog(Some(Fog::even(visibility)))?;
-    }
-    arguments.glow.map(|strength| client.set_glow(Some(Glow::new(strength)))).transpose()?;
-    match arguments.exposure {
-        Some(Brightness::Factor(factor)) => client.set_exposure(factor)?,
-        Some(Brightness::Automatic) => client.set_automatic_exposure()?,
-        None => {}
-    }
+    look.apply(client)?;
     let (error_px, rate_fps) = (arguments.error_bound, arguments.rate_bound);
     client.set_bounds(QualityBounds { error_px, rate_fps })?;
     let focus = shown.focus.or(summary.bounds);
@@ -336,7 +310,7 @@ fn warm_up(
     arguments: &Arguments,
 ) -> anyhow::Result<u64> {
     let (start, before) = (Instant::now(), client.presentation()?.exposure);
-    let is_automatic = matches!(arguments.exposure, Some(Brightness::Automatic));
+    let is_automatic = arguments.look.exposure == Some(Brightness::Automatic);
     let (mut frames, mut navigations) = (0, 0);
     loop {
         let own = if navigations == 0 { camera(0) } else { None };
@@ -460,17 +434,6 @@ fn step(what: &'static str) -> ProgressBar {
     let spinner = ProgressBar::with_draw_target(None, progress::target()).with_message(what);
     spinner.enable_steady_tick(Duration::from_millis(100));
     spinner
-}
-
-/// The surroundings that are asked for.
-fn surroundings(asked: &str) -> anyhow::Result<EnvironmentSource> {
-    if asked == "sky" {
-        return Ok(EnvironmentSource::Sky);
-    }
-    let file = Path::new(asked).canonicalize().with_context(|| {
-        format!("--environment {asked}: neither sky nor a file that can be found")
-    })?;
-    Ok(EnvironmentSource::File { path: file.display().to_string() })
 }
 
 /// The scene of a file, or the generated one.

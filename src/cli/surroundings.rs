@@ -1,15 +1,78 @@
-//! `polyptych environment`, `exposure`, `tone`, `fog` and `glow`: the light of a running wall.
+//! `polyptych environment`, `exposure`, `tone`, `fog` and `glow`: the light of a running wall, and
+//! of a run.
 
+use std::path::Path;
+
+use anyhow::Context;
 use polyptych_client::glam::DVec3;
 use polyptych_client::{EnvironmentSource, Fog, Glow, ToneMapper};
 use polyptych_text::printable;
 
 use super::remote::{path_from_here, point, positive};
 use super::{ManagerAddress, say};
+use crate::simulator::look::{Brightness, Look};
 
 /// Limits of an exposure in stops: a factor of 2 to the power of this is far from all that a
 /// picture can show, and from what f32 holds.
 const STOPS_MAX: f64 = 64.0;
+
+/// How a run shows its scene.
+#[derive(Debug, Default, clap::Args)]
+pub(super) struct LookArguments {
+    /// Multiply all light by this, or "auto": by what the wall shows [default: 1, or what suits
+    /// lights in real units]
+    #[arg(long, value_name = "FACTOR|auto", value_parser = brightness)]
+    pub exposure: Option<Brightness>,
+    /// Surround the scene by light: an equirectangular Radiance .hdr file; or "sky", a clear sky
+    /// with the scene's sun
+    #[arg(long, value_name = "FILE|sky")]
+    pub environment: Option<String>,
+    /// Show exposed light as "neutral", "aces" or "none" do [default: neutral]
+    #[arg(long, value_name = "NAME")]
+    pub tone: Option<ToneMapper>,
+    /// Lay fog over the scene: the distance of sight in world units
+    #[arg(long, value_name = "VISIBILITY", value_parser = positive)]
+    pub fog: Option<f64>,
+    /// Spread this share of all light around what is bright, above 0 and up to 1
+    #[arg(long, value_name = "STRENGTH", value_parser = glow_strength)]
+    pub glow: Option<f32>,
+}
+
+impl LookArguments {
+    /// Returns what is asked for.
+    ///
+    /// # Errors
+    /// A file of surroundings that cannot be found.
+    pub fn look(&self) -> anyhow::Result<Look> {
+        Ok(Look {
+            environment: self.environment.as_deref().map(surroundings).transpose()?,
+            tone: self.tone,
+            fog: self.fog.map(Fog::even),
+            glow: self.glow.map(Glow::new),
+            exposure: self.exposure,
+        })
+    }
+}
+
+/// The surroundings that are asked for.
+fn surroundings(asked: &str) -> anyhow::Result<EnvironmentSource> {
+    if asked == "sky" {
+        return Ok(EnvironmentSource::Sky);
+    }
+    let file = Path::new(asked).canonicalize().with_context(|| {
+        format!("--environment {asked}: neither sky nor a file that can be found")
+    })?;
+    Ok(EnvironmentSource::File { path: file.display().to_string() })
+}
+
+/// The exposure of a run, as an argument.
+fn brightness(text: &str) -> Result<Brightness, String> {
+    if text == "auto" {
+        return Ok(Brightness::Automatic);
+    }
+    let factor = super::exposure(text).map(Brightness::Factor);
+    factor.map_err(|error| format!("{error}; or write auto"))
+}
 
 #[derive(Debug, clap::Args)]
 pub(super) struct EnvironmentArguments {
@@ -52,24 +115,6 @@ pub(super) struct ExposureArguments {
 enum Exposure {
     Automatic,
     Stops(f64),
-}
-
-/// The exposure of a run: a factor, or one that is automatic.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Brightness {
-    Automatic,
-    Factor(f32),
-}
-
-impl Brightness {
-    /// Reads it as an argument.
-    pub fn parse(text: &str) -> Result<Self, String> {
-        if text == "auto" {
-            return Ok(Self::Automatic);
-        }
-        let factor = super::exposure(text).map(Self::Factor);
-        factor.map_err(|error| format!("{error}; or write auto"))
-    }
 }
 
 /// Sets the exposure, or says how it is.
@@ -209,7 +254,7 @@ fn strength(text: &str) -> Result<Strength, String> {
 }
 
 /// Reads the strength of a glow.
-pub(super) fn glow_strength(text: &str) -> Result<f32, String> {
+fn glow_strength(text: &str) -> Result<f32, String> {
     let strength: f32 = text.parse().map_err(|_| "a number above 0 and up to 1")?;
     match Glow::new(strength).fault() {
         Some(fault) => Err(fault),
@@ -241,10 +286,10 @@ mod tests {
 
     #[test]
     fn brightness_of_a_run_is_a_factor_or_automatic() {
-        assert_eq!(Brightness::parse("2.5"), Ok(Brightness::Factor(2.5)));
-        assert_eq!(Brightness::parse("auto"), Ok(Brightness::Automatic));
+        assert_eq!(brightness("2.5"), Ok(Brightness::Factor(2.5)));
+        assert_eq!(brightness("auto"), Ok(Brightness::Automatic));
         for text in ["", "-1", "NaN", "bright"] {
-            let error = Brightness::parse(text).expect_err(text);
+            let error = brightness(text).expect_err(text);
             assert!(error.ends_with("or write auto"), "{error}");
         }
     }

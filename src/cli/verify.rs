@@ -3,10 +3,13 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use anyhow::bail;
 use polyptych_wall::wall_geometry::ResolvedWall;
 use polyptych_wall_file::check_report::CheckReport;
 
+use super::surroundings::LookArguments;
 use super::{bake_files, load_wall, log_file_warnings, manager, say, simulate};
+use crate::simulator::look::Brightness;
 use crate::simulator::verify::{self, ProofPage, Walls};
 use crate::{outputs, wall_drawing};
 
@@ -19,6 +22,8 @@ pub(super) struct Arguments {
     /// A wall file of the same channels as they really hang and shine, to judge by
     #[arg(long, value_name = "FILE")]
     as_built: Option<PathBuf>,
+    #[command(flatten)]
+    look: LookArguments,
     /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
@@ -34,6 +39,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     if let Some(file) = &arguments.html {
         outputs::check(file)?;
     }
+    if arguments.look.exposure == Some(Brightness::Automatic) {
+        bail!("--exposure auto: pictures to compare need the same exposure; give a factor");
+    }
+    let look = arguments.look.look()?;
     let mut wall = load_wall(&arguments.wall)?;
     let baker = manager::default_baker()?;
     let files = bake_files(&mut wall, &arguments.wall, &baker)?;
@@ -46,7 +55,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let scene = shown.file.display().to_string();
     let verify::Proof { table, pictures } = verify::verify(
         Walls { drawn: &wall, built: built.as_ref() },
-        shown,
+        (shown, look),
         &baker,
         &arguments.out,
     )?;

@@ -24,6 +24,7 @@ use verification_report::VerificationReport;
 use crate::progress::Steps;
 use crate::simulator::faults::FaultHooks;
 use crate::simulator::local_wall::{LocalWall, LocalWallOptions};
+use crate::simulator::look::Look;
 use crate::simulator::orbit::HEADING_RAD;
 use crate::{image_files, outputs};
 
@@ -51,7 +52,7 @@ pub(crate) struct Walls<'a> {
 /// cannot be written. A target that is missed is no error: the table says so.
 pub(crate) fn verify(
     walls: Walls<'_>,
-    shown: ReferenceScene,
+    (shown, look): (ReferenceScene, Look),
     baker: &Baker,
     out: &Path,
 ) -> anyhow::Result<Proof> {
@@ -80,7 +81,7 @@ pub(crate) fn verify(
     let corrections = light::corrections(shaped, &files);
     let folder = tempfile::Builder::new().prefix("polyptych-prove-").tempdir()?;
     let prover =
-        Verifier { shown, folder: folder.path().canonicalize()?, baker: baker.clone(), out };
+        Verifier { shown, look, folder: folder.path().canonicalize()?, baker: baker.clone(), out };
     let capture = {
         steps.begin(format_args!("starting {}", counted(wall.channels.len(), "channel")));
         let local = prover.start(wall)?;
@@ -154,6 +155,7 @@ pub(crate) struct ReferenceScene {
 /// The context that all parts of a verification share.
 struct Verifier<'a> {
     shown: ReferenceScene,
+    look: Look,
     /// For scenes that it makes itself.
     folder: PathBuf,
     baker: Baker,
@@ -165,7 +167,10 @@ impl Verifier<'_> {
         let root = self.shown.file.parent().unwrap_or(Path::new("/")).to_owned();
         LocalWall::start(LocalWallOptions {
             wall: wall.clone(),
-            scene_roots: vec![root, self.folder.clone()],
+            scene_roots: [root, self.folder.clone()]
+                .into_iter()
+                .chain(self.look.folder())
+                .collect(),
             baker: self.baker.clone(),
             windows: false,
             http: None,
@@ -178,6 +183,7 @@ impl Verifier<'_> {
     /// The scene as a wall shows it.
     fn show(&self, local: &LocalWall, wall: &Wall) -> anyhow::Result<Capture> {
         let summary = local.client.open_scene(self.shown.file.display().to_string())?;
+        self.look.apply(&local.client)?;
         if let Some(focus) = self.shown.focus.or(summary.bounds) {
             local.client.set_camera(orbit(wall, &focus, HEADING_RAD))?;
         }
@@ -201,6 +207,7 @@ impl Verifier<'_> {
         let single = oracle::single(wall, index);
         let local = self.start(&single)?;
         let summary = local.client.open_scene(self.shown.file.display().to_string())?;
+        self.look.apply(&local.client)?;
         if let Some(focus) = self.shown.focus.or(summary.bounds) {
             // The camera of the whole wall, which the other screens have their part in.
             local.client.set_camera(orbit(wall, &focus, HEADING_RAD))?;

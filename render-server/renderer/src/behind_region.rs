@@ -26,6 +26,13 @@ const WIDE_REACH: i64 = 256;
 /// Texels of the wide picture to a radian, at most: its coarsest texels are 7° or more.
 const TEXELS_PER_RADIAN: f64 = 512.0;
 
+/// Texels of the wide picture of a whole canvas, at most: 500 MB with four samples each. Only one
+/// of more than 130° to both sides has fewer to a radian for that.
+pub(crate) const TEXELS_MAX: u64 = 8 << 20;
+
+/// The coarsest texel of a wide picture, as a power of two in pixels.
+const SCALE_MAX: u32 = 12;
+
 /// Texels of a canvas with its guard band: the longest viewport of the weakest driver.
 const CANVAS_SIDE_MAX: f64 = 8192.0;
 
@@ -174,10 +181,17 @@ fn pixels_per_radian(view: &ViewDesc) -> f64 {
     if pixels.is_finite() { pixels.max(1.0) } else { height.max(1.0) }
 }
 
-/// The texels of a wide picture, as a power of two in pixels.
+/// The texels of a wide picture, as a power of two in pixels: a function of the canvas, which tiles
+/// share.
 fn wide_scale(view: &ViewDesc) -> u32 {
     let scale = (pixels_per_radian(view) / TEXELS_PER_RADIAN).log2().ceil();
-    scale.clamp(0.0, 12.0) as u32
+    let texels = |scale: u32| {
+        let side = |pixels: f64| (pixels / f64::from(1 << scale)).ceil() + 2.0 * WIDE_REACH as f64;
+        side(view.viewport[2]) * side(view.viewport[3])
+    };
+    let is_small = |scale: &u32| texels(*scale) <= TEXELS_MAX as f64;
+    let first = scale.clamp(0.0, f64::from(SCALE_MAX)) as u32;
+    (first..SCALE_MAX).find(is_small).unwrap_or(SCALE_MAX)
 }
 
 /// Places pictures beside and below each other in a texture of sides up to `side_max`. Returns the

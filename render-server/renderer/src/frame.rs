@@ -169,16 +169,14 @@ impl FrameResources {
         let variant = begun.variant(scene, target);
         let BegunFrame { mut shown, sky, tone, items, is_culling, depths, cull, search, .. } =
             begun;
-        let hidden = match depths {
-            Some(depths) => Some(depths.leave_out_hidden(gpu, scene, target, &mut shown)?),
-            None => None,
-        };
+        let hidden = depths.map(|of| of.leave_out_hidden(gpu, scene, target, &mut shown));
+        let hidden = hidden.transpose()?;
         let searched = start.elapsed();
         let shadows = shadows.draw(self, gpu, scene, &shown)?;
         let found = ready(pipelines, scene, variant)?;
         let with = DrawnWith { pipelines: &found, variant, shadows: &shadows.groups };
         let behind = self.draw_behind(gpu, &with, scene, target, &shown)?;
-        let spread = self.draw_glow(gpu, &with, (scene, target), &shown)?;
+        let glow = self.begin_glow(gpu, &with, (scene, target), &shown)?;
         let lists = self.lists(gpu, scene, &shown)?;
         let sorted = start.elapsed();
         let clear_display = if target.is_linear() {
@@ -188,9 +186,9 @@ impl FrameResources {
         };
         let views: Vec<_> = shown.iter().map(|(view, _)| view).collect();
         let background = self.background(gpu, scene, target, (variant, &views));
-        let with = (found, scene.environment.as_deref());
+        let with = (found.clone(), scene.environment.as_deref());
         let context = DrawContext {
-            shadows: shadows.groups,
+            shadows: shadows.groups.clone(),
             ..self.context(gpu, with, scene, (views, behind), &lists)
         };
         let mut encoder = gpu
@@ -207,13 +205,15 @@ impl FrameResources {
             None => list.touched,
         });
         let touched = touched.reduce(around);
-        match &spread {
-            Some(spread) => {
-                self.encode_glow(gpu, &mut encoder, (target, clear_display, tone), spread);
-            }
-            None => self.tonemap.encode(gpu, &mut encoder, target, (clear_display, tone), touched),
+        if let Some(first) = &glow.first {
+            self.encode_glow(gpu, &mut encoder, (target, Some(clear_display), tone), first);
+        } else {
+            self.tonemap.encode(gpu, &mut encoder, target, (clear_display, tone), touched);
         }
         let submission = Submission::new(gpu, encoder);
+        let with = DrawnWith { pipelines: &found, variant, shadows: &shadows.groups };
+        let glow = self.finish_glow(gpu, &with, (scene, target), &shown, (tone, &glow))?;
+        let submission = glow.unwrap_or(submission);
         let encoded = start.elapsed();
         self.shrink();
         let occluded = hidden.map_or(0, |hidden| hidden.count);

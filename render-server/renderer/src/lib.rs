@@ -290,7 +290,8 @@ impl Renderer {
         views: &[ViewDesc],
     ) -> Result<BegunFrame, DrawError> {
         let glow = views.iter().find_map(|view| view.glow);
-        if target.samples() != self.samples || target.is_linear() != scene.needs_light(glow) {
+        let lacks_light = scene.needs_light(glow) && !target.is_linear();
+        if target.samples() != self.samples || lacks_light {
             return Err(DrawError::Target);
         }
         let side_max = gpu.device.limits().max_texture_dimension_2d;

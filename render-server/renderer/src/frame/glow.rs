@@ -1,4 +1,6 @@
-//! The picture whose light spreads, drawn before the frame that it glows over.
+//! The pictures whose light spreads, and the frame that it glows over.
+
+use std::ops::Range;
 
 use polyptych_scene::{GLOW_OCTAVES, Glow, ToneMapper};
 
@@ -6,8 +8,9 @@ use super::FrameResources;
 use super::begun_frame::ShownView;
 use super::behind::{BehindPictures, DrawnWith};
 use super::frame_buffer::FrameBuffer;
+use super::submission::Submission;
 use crate::DrawError;
-use crate::behind_region::{BehindRegion, LEVELS, pack};
+use crate::behind_region::{BehindRegion, LEVELS, TEXELS_MAX, pack};
 use crate::bindings::uniform_stride;
 use crate::gpu::Gpu;
 use crate::pass::glow::{GlowPass, GlowUniform, SpreadPart};
@@ -15,25 +18,28 @@ use crate::scene::GpuScene;
 use crate::target::Target;
 use crate::view::ViewDesc;
 
-/// Maximum number of texels of all pictures of a frame: 500 MB with four samples each. A channel of
-/// 4K has 1.6 million, and each further view at least 0.3 million.
-const TEXELS_MAX: u64 = 8 << 20;
-
 /// What glow needs from frame to frame; nothing of it before there is any.
 #[derive(Debug)]
 pub(super) struct GlowPictures {
     pass: Option<GlowPass>,
     pictures: BehindPictures,
     uniforms: FrameBuffer,
-    /// The views of the last frame were too many to glow.
-    is_too_large: bool,
 }
 
 impl Default for GlowPictures {
     fn default() -> Self {
         let uniforms = FrameBuffer::new("frame/glow", wgpu::BufferUsages::UNIFORM);
-        Self { pass: None, pictures: BehindPictures::default(), uniforms, is_too_large: false }
+        Self { pass: None, pictures: BehindPictures::default(), uniforms }
     }
+}
+
+/// The views of a frame, some after the other, whose pictures have room in one texture.
+#[derive(Debug)]
+struct GlowGroup {
+    views: Range<usize>,
+    /// By view; `None` for one that does not glow.
+    regions: Vec<Option<BehindRegion>>,
+    sides: [u32; 2],
 }
 
 /// The light that spread, and for each view the rectangle that it shows and its uniform.
@@ -43,74 +49,137 @@ pub(super) struct SpreadLight {
     views: Vec<([u32; 4], GlowUniform)>,
 }
 
-impl GlowPictures {
-    /// Returns the sides of a frame's picture, and logs once that there is no room for one: a
-    /// channel without glow is better than none.
-    fn room(&mut self, sides: Option<[u32; 2]>) -> Option<[u32; 2]> {
-        let was_too_large = std::mem::replace(&mut self.is_too_large, sides.is_none());
-        if sides.is_none() && !was_too_large {
-            tracing::warn!("too many views to glow: they are shown without; show fewer views");
+impl GlowGroup {
+    /// Divides the views of a frame into groups of up to [`TEXELS_MAX`] texels in textures of sides
+    /// up to `side_max`; a view alone may have more. None if no view glows.
+    fn of_frame(shown: &[ShownView], side_max: u32) -> Vec<Self> {
+        let region = |(view, visible): &ShownView| {
+            let glows = view.glow.is_some() && !view.is_parallel();
+            glows.then(|| BehindRegion::of_glow(view, visible.rectangle))
+        };
+        let mut groups: Vec<Self> = Vec::new();
+        for (index, region) in shown.iter().map(region).enumerate() {
+            if !groups.last_mut().is_some_and(|group| group.add(region, side_max)) {
+                let mut group = Self { views: index..index, regions: Vec::new(), sides: [0, 0] };
+                group.add(region, side_max);
+                groups.push(group);
+            }
         }
-        sides
+        groups.retain(|group| group.sides != [0, 0]);
+        groups
+    }
+
+    /// Takes the next view, unless others glow and it has no room beside them.
+    fn add(&mut self, region: Option<BehindRegion>, side_max: u32) -> bool {
+        let mut all = self.regions.clone();
+        all.push(region);
+        let texels = all.iter().flatten().map(|of| u64::from(of.size[0]) * u64::from(of.size[1]));
+        let is_small = texels.sum::<u64>() <= TEXELS_MAX || self.sides == [0, 0];
+        let Some(sides) = pack(all.iter_mut().flatten(), side_max).filter(|_| is_small) else {
+            return false;
+        };
+        (self.regions, self.sides) = (all, sides);
+        self.views.end += 1;
+        true
     }
 }
 
+/// The glow of a frame whose first group is drawn.
+#[derive(Debug)]
+pub(super) struct BegunGlow {
+    groups: Vec<GlowGroup>,
+    /// `None` if no view glows.
+    pub first: Option<SpreadLight>,
+}
+
 impl FrameResources {
-    /// Draws the light that spreads over all views with glow; `None` if there are none, or more
-    /// than [`TEXELS_MAX`] hold.
+    /// Draws the light that spreads over the first group of views. Others share its texture, and
+    /// come after the frame: see [`Self::finish_glow`].
     ///
     /// # Errors
     /// More is shown than is held for one frame, or the GPU failed.
-    pub(super) fn draw_glow(
+    pub(super) fn begin_glow(
+        &mut self,
+        gpu: &Gpu,
+        with: &DrawnWith<'_>,
+        of: (&GpuScene, &Target),
+        shown: &[ShownView],
+    ) -> Result<BegunGlow, DrawError> {
+        let groups = GlowGroup::of_frame(shown, gpu.device.limits().max_texture_dimension_2d);
+        let first = groups.first().map(|group| self.draw_glow(gpu, with, of, shown, group));
+        if first.is_none() {
+            self.glow.pictures.age();
+        }
+        Ok(BegunGlow { first: first.transpose()?, groups })
+    }
+
+    /// Draws the light that spreads over all groups but the first, and maps their views to the
+    /// display target. Returns the last work for the GPU, if there was any.
+    ///
+    /// # Errors
+    /// More is shown than is held for one frame, or the GPU failed.
+    pub(super) fn finish_glow(
         &mut self,
         gpu: &Gpu,
         with: &DrawnWith<'_>,
         (scene, target): (&GpuScene, &Target),
         shown: &[ShownView],
-    ) -> Result<Option<SpreadLight>, DrawError> {
-        let region = |(view, visible): &ShownView| {
-            let glows = view.glow.is_some() && !view.is_parallel();
-            Vec::from_iter(glows.then(|| BehindRegion::of_glow(view, visible.rectangle)))
-        };
-        let mut regions: Vec<Vec<BehindRegion>> = shown.iter().map(region).collect();
-        if regions.iter().all(Vec::is_empty) {
-            self.glow.pictures.age();
-            return Ok(None);
+        (tone, begun): (ToneMapper, &BegunGlow),
+    ) -> Result<Option<Submission>, DrawError> {
+        let mut last = None;
+        for group in begun.groups.iter().skip(1) {
+            let spread = self.draw_glow(gpu, with, (scene, target), shown, group)?;
+            let descriptor = wgpu::CommandEncoderDescriptor { label: Some("glow") };
+            let mut encoder = gpu.device.create_command_encoder(&descriptor);
+            self.encode_glow(gpu, &mut encoder, (target, None, tone), &spread);
+            last = Some(Submission::new(gpu, encoder));
         }
-        let side_max = gpu.device.limits().max_texture_dimension_2d;
-        let texels =
-            regions.iter().flatten().map(|of| u64::from(of.size[0]) * u64::from(of.size[1]));
-        let is_small = texels.sum::<u64>() <= TEXELS_MAX;
-        let sides = pack(regions.iter_mut().flatten(), side_max).filter(|_| is_small);
-        let Some(sides) = self.glow.room(sides) else { return Ok(None) };
+        Ok(last)
+    }
+
+    /// Draws the light that spreads over a group of views.
+    fn draw_glow(
+        &mut self,
+        gpu: &Gpu,
+        with: &DrawnWith<'_>,
+        (scene, target): (&GpuScene, &Target),
+        shown: &[ShownView],
+        group: &GlowGroup,
+    ) -> Result<SpreadLight, DrawError> {
+        let (shown, sides) = (&shown[group.views.clone()], group.sides);
         let texture = self.glow.pictures.texture(gpu, (sides, target.samples()));
         // What is behind glass needs pictures of its own, which this one is drawn without.
         let is_drawn = |item| {
             let batch = scene.batch_of(item);
             !scene.layout.keys[batch.pipeline as usize].transmits()
         };
-        let (of, onto) = ((shown, &*regions), (&texture, sides));
-        let mut encoder = self.draw_pictures(gpu, with, (scene, target), of, onto, is_drawn)?;
+        let regions: Vec<_> = group.regions.iter().map(|of| Vec::from_iter(*of)).collect();
+        let of = (shown, &*regions);
+        let shadows = with.shadows.get(group.views.clone()).unwrap_or_default();
+        let with = DrawnWith { shadows, ..*with };
+        let onto = (&texture, sides);
+        let mut encoder = self.draw_pictures(gpu, &with, (scene, target), of, onto, is_drawn)?;
         let GlowPictures { pass, pictures, .. } = &mut self.glow;
         let pass = pass.get_or_insert_with(|| GlowPass::new(gpu));
         pass.encode_light(&mut encoder, &texture, sides);
-        let seen = shown.iter().zip(&regions);
-        let parts: Vec<_> = seen.clone().filter_map(|(of, region)| part(&of.0, region)).collect();
+        let seen = shown.iter().zip(&group.regions);
+        let parts: Vec<_> = seen.clone().filter_map(|(of, region)| part(&of.0, *region)).collect();
         let size = texture.size();
-        let views = seen.map(|(of, region)| (of.1.rectangle, uniform(&of.0, region, size)));
+        let views = seen.map(|(of, region)| (of.1.rectangle, uniform(&of.0, *region, size)));
         let views = views.collect();
         let picture = pictures.finish(gpu, encoder, texture, sides, |encoder, texture| {
             pass.encode_spread(encoder, texture, &parts);
         });
-        Ok(Some(SpreadLight { picture, views }))
+        Ok(SpreadLight { picture, views })
     }
 
-    /// Fills the display target with the sky, and with the views and the light that spread.
+    /// Maps views and the light that spread to the display target; where there is a sky, all of it
+    /// is filled with that first.
     pub(super) fn encode_glow(
         &mut self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
-        onto: (&Target, wgpu::Color, ToneMapper),
+        onto: (&Target, Option<wgpu::Color>, ToneMapper),
         spread: &SpreadLight,
     ) {
         let GlowPictures { pass, uniforms, .. } = &mut self.glow;
@@ -130,17 +199,17 @@ impl FrameResources {
 }
 
 /// The part of the picture that a view glows with.
-fn part(view: &ViewDesc, region: &[BehindRegion]) -> Option<SpreadPart> {
-    let (glow, region) = (view.glow?, region.first()?);
+fn part(view: &ViewDesc, region: Option<BehindRegion>) -> Option<SpreadPart> {
+    let (glow, region) = (view.glow?, region?);
     let [[x, y], [width, height]] = [region.place, region.size];
     let stays = stays(glow, region.texel_rad(view));
     Some(SpreadPart { rectangle: [x, y, width, height], stays })
 }
 
 /// The uniform of a view; one without glow has a strength of 0.
-fn uniform(view: &ViewDesc, region: &[BehindRegion], size: [u32; 2]) -> GlowUniform {
+fn uniform(view: &ViewDesc, region: Option<BehindRegion>, size: [u32; 2]) -> GlowUniform {
     let size = size.map(|side| side as f32);
-    let (Some(glow), Some(region)) = (&view.glow, region.first()) else {
+    let (Some(glow), Some(region)) = (&view.glow, region) else {
         return GlowUniform { size, ..GlowUniform::default() };
     };
     GlowUniform {

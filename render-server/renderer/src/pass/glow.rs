@@ -115,13 +115,13 @@ impl GlowPass {
         }
     }
 
-    /// Fills the display target with the sky and maps the rectangles of views, each with the
-    /// offset of its uniform.
+    /// Maps the rectangles of views, each with the offset of its uniform, to the display target;
+    /// where there is a sky, all of it is filled with that first.
     pub fn encode_onto(
         &mut self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
-        (target, sky, tone): (&Target, wgpu::Color, ToneMapper),
+        (target, sky, tone): (&Target, Option<wgpu::Color>, ToneMapper),
         (picture, uniforms): (&wgpu::TextureView, &wgpu::Buffer),
         views: &[([u32; 4], u32)],
     ) {
@@ -146,7 +146,11 @@ impl GlowPass {
             let constants = [("TONE_MAPPER", tone.number())];
             screen_pipeline(gpu, names, &text, &self.group_layout, content.format(), &constants)
         });
-        let mut pass = clear(encoder, "glow/pass", target.display_view(), sky);
+        let (name, onto) = ("glow/pass", target.display_view());
+        let mut pass = match sky {
+            Some(sky) => clear(encoder, name, onto, sky),
+            None => resume(encoder, name, onto),
+        };
         pass.set_pipeline(pipeline);
         for &([x, y, width, height], offset) in views {
             pass.set_bind_group(1, &group, &[offset]);

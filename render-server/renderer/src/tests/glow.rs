@@ -147,19 +147,31 @@ fn tiles_agree_with_one_camera_where_lamps_are_beside_them() {
 }
 
 #[test]
-fn views_that_are_too_many_to_glow_are_shown_without() {
-    let scene = cards(&[([0.0, 0.0], 0.5, glowing(9.0))]);
-    // 36 of them, each with a picture of 0.3 million texels.
-    let parts = |glow| {
-        let part = |at: u32| ViewDesc {
-            scissor: Some([at % 6 * 150, at / 6 * 100, 150, 100]),
-            ..view(glow)
-        };
-        let views: Vec<ViewDesc> = (0..36).map(part).collect();
-        draw_sampled(&scene, CANVAS, 1, &views).0
+fn views_of_any_number_glow_as_one_does() {
+    let scene = cards(&[([0.2, 0.3], 0.5, glowing(9.0))]);
+    // Each has a picture of 0.3 million texels: 100 take four textures after each other.
+    let part = |at: u32| ViewDesc {
+        scissor: Some([at % 10 * 90, at / 10 * 60, 90, 60]),
+        ..view(Some(Glow::new(0.5)))
     };
-    let [plain, glowing] = [None, Some(Glow::new(0.5))].map(parts);
-    assert_eq!(differences(&plain, &glowing)[1], 0);
+    let views: Vec<ViewDesc> = (0..100).map(part).collect();
+    for samples in [1, 4] {
+        let wanted = draw_sampled(&scene, CANVAS, samples, &[view(Some(Glow::new(0.5)))]).0;
+        let found = draw_sampled(&scene, CANVAS, samples, &views).0;
+        let [differing, more, _] = differences(&found, &wanted);
+        assert!(differing * 10_000 <= wanted.len() && more == 0, "{differing}, {more}");
+    }
+}
+
+#[test]
+fn a_channel_whose_views_are_all_hidden_is_drawn_with_glow_too() {
+    let scene = cards(&[([0.0, 0.0], 0.5, glowing(9.0))]);
+    let mut renderer = Renderer::new(gpu(), 1).unwrap();
+    renderer.prepare(gpu(), &scene);
+    let mut target = Target::new(gpu(), CANVAS, 1, true).unwrap();
+    renderer.draw(gpu(), &scene, &mut target, &[]).unwrap();
+    let shown = read_pixels(gpu(), &target).unwrap();
+    assert!(shown.as_chunks::<4>().0.iter().all(|pixel| pixel[..3] == [0; 3]));
 }
 
 #[test]
