@@ -7,6 +7,7 @@ use polyptych_wall::Wall;
 use polyptych_wall::limits::DEVICES_MAX;
 use serde::{Deserialize, Serialize};
 
+use super::head_return::HeadReturn;
 use super::{Cluster, Micros, REASON_BYTES_MAX, SessionId};
 
 /// The reason of a device that no client has reported yet.
@@ -28,6 +29,9 @@ struct DeviceEntry {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Devices {
     entries: Vec<DeviceEntry>,
+    /// The way of a head whose bridge has left.
+    #[serde(default)]
+    pub head_return: Option<HeadReturn>,
 }
 
 impl Devices {
@@ -38,7 +42,13 @@ impl Devices {
             at: 0,
             client: None,
         };
-        Self { entries: wall.devices.iter().map(|device| entry(&device.name)).collect() }
+        let entries = wall.devices.iter().map(|device| entry(&device.name)).collect();
+        Self { entries, head_return: None }
+    }
+
+    /// Returns the time at which a head that returns is moved next.
+    pub fn next_head_place(&self) -> Option<Micros> {
+        self.head_return.map(|way| way.next)
     }
 
     /// Returns every device as it stands at `now`.
@@ -117,7 +127,8 @@ impl Cluster {
         Ok(())
     }
 
-    /// Marks the devices of a client as lost: its connection has ended.
+    /// Marks the devices of a client as lost: its connection has ended. A head that one of them
+    /// tracks is held, and then returns to its place in the wall file.
     pub(super) fn lose_devices(&mut self, now: Micros, client: SessionId) {
         for place in 0..self.devices.entries.len() {
             let entry = &self.devices.entries[place];
@@ -130,6 +141,10 @@ impl Cluster {
                     ..entry.status.clone()
                 };
                 self.set_device(now, place, status, None);
+                let devices = &self.wall.devices;
+                if let Some(tracking) = devices.get(place).and_then(|device| device.head.clone()) {
+                    self.begin_head_return(now, &tracking);
+                }
             }
         }
     }

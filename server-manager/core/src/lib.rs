@@ -21,6 +21,7 @@ mod dispatch;
 mod environment;
 mod follow;
 mod frame_start_times;
+mod head_return;
 mod imported_scene;
 mod input;
 pub mod log_limiter;
@@ -404,6 +405,7 @@ impl Cluster {
         self.meter_at_last(now);
         self.end_temporary_at_last(now);
         self.update_rest(now);
+        self.update_head_return(now);
         self.advance_frame(now);
     }
 
@@ -426,6 +428,7 @@ impl Cluster {
             self.next_metering(),
             self.next_temporary_end(),
             self.next_rest(),
+            self.devices.next_head_place(),
         ]
         .into_iter()
         .flatten()

@@ -1,12 +1,14 @@
 //! Devices of the wall file, as bridges report them.
 
+use glam::DQuat;
 use polyptych_protocol::device_status::{DeviceState, DeviceStatus};
 use polyptych_protocol::feedback::Quantiles;
 use polyptych_protocol::head_update::HeadUpdate;
 use polyptych_protocol::navigation::Flight;
-use polyptych_wall::device::{Device, DeviceSource, TrackerFrame};
+use polyptych_wall::device::{Device, DeviceSource, HeadInput, HeadTracking, TrackerFrame};
 
 use super::*;
+use crate::devices::Devices;
 
 const OTHER: SessionId = SessionId(1001);
 
@@ -106,4 +108,96 @@ fn a_flight_moves_the_camera_of_the_next_frame_about_the_tracked_head() {
     stage.request(Request::Fly(Flight { offset_m: DVec3::splat(f64::INFINITY), ..turn }));
     assert!(stage.replies[0].1.is_err());
     assert_eq!(stage.cluster.status(stage.now).presentation.camera, camera);
+}
+
+/// A wall whose device "1" tracks the head.
+fn tracked() -> ClusterFixture {
+    let head = HeadTracking {
+        input: HeadInput::Osc { position: "/head".into(), rotation: None, form: None },
+        mount: DQuat::IDENTITY,
+        eyes: DVec3::ZERO,
+        prediction_ms: 0,
+        speed_max: 5.0,
+        jump_m: 0.3,
+        hold_ms: 2000,
+        ease_ms: 1000,
+        bounds: None,
+    };
+    let mut stage = ClusterFixture::new(1);
+    let devices = vec![Device { head: Some(head), ..device("1") }, device("2")];
+    stage.cluster.wall.devices = devices;
+    stage.cluster.devices = Devices::new(&stage.cluster.wall);
+    stage
+}
+
+/// The bridge of the head has it at a place and leaves.
+fn leave(stage: &mut ClusterFixture, place: DVec3) {
+    stage.cluster.handle_client(CLIENT, "bridge".into());
+    assert_eq!(report(stage, CLIENT, &[live("1")]), None);
+    let rotation = Some(DQuat::from_rotation_y(0.8));
+    stage.request(Request::SetHead(HeadUpdate { rotation, ..HeadUpdate::from(place) }));
+    stage.clear();
+    stage.cluster.handle_client_gone(stage.now, CLIENT);
+}
+
+#[test]
+fn a_head_whose_bridge_has_left_is_held_and_eased_to_its_place_by_frames_of_its_own() {
+    let mut stage = tracked();
+    let rest = stage.cluster.wall.head();
+    let place = rest.position + DVec3::new(0.4, 0.0, 0.2);
+    leave(&mut stage, place);
+    let head = |stage: &ClusterFixture| stage.cluster.presentation.head;
+    stage.wait(1_999_000);
+    assert_eq!((head(&stage).position, stage.frames.len()), (place, 0), "it is held");
+    let (mut before, mut longest) = (place, 0.0_f64);
+    while stage.cluster.poll_timeout().is_some() && head(&stage) != rest {
+        stage.wait(16_667);
+        let now = head(&stage).position;
+        longest = longest.max(now.distance(before));
+        before = now;
+        stage.draw(&[0], 1_000);
+    }
+    stage.wait(1_000);
+    stage.draw(&[0], 1_000);
+    // One and a half times the mean speed of the way, for one step of about 17 to 34 ms.
+    assert!(longest < 0.45 * 1.5 * 0.036, "{longest} m at once");
+    assert_eq!(head(&stage), rest);
+    assert!(stage.now < 2_000_000 + 3_100_000 && stage.frames.len() > 20, "{}", stage.now);
+    assert_eq!(stage.frames.last().expect("a frame").1.presentation.head, rest);
+    let memory = stage.memories.last().expect("it is persisted");
+    assert_eq!(memory.presentation.head, rest);
+    let count = stage.frames.len();
+    stage.wait(5_000_000);
+    assert!(stage.frames.len() <= count + 1, "it draws on");
+}
+
+#[test]
+fn a_head_that_is_set_does_not_return_and_one_of_another_device_stays() {
+    let mut stage = tracked();
+    let place = stage.cluster.wall.head().position + DVec3::X * 0.3;
+    leave(&mut stage, place);
+    stage.wait(2_500_000);
+    let on_the_way = stage.cluster.presentation.head.position;
+    assert!(on_the_way != place, "it returns");
+    stage.cluster.handle_client(OTHER, "bridge".into());
+    stage.request(Request::SetHead(HeadUpdate::from(place)));
+    stage.wait(9_000_000);
+    assert_eq!(stage.cluster.presentation.head.position, place);
+    // A wand's bridge says nothing of the head.
+    assert_eq!(report(&mut stage, OTHER, &[live("2")]), None);
+    stage.cluster.handle_client_gone(stage.now, OTHER);
+    stage.wait(9_000_000);
+    assert_eq!(stage.cluster.presentation.head.position, place);
+}
+
+#[test]
+fn a_long_way_back_is_no_faster_than_a_head() {
+    let mut stage = tracked();
+    let rest = stage.cluster.wall.head().position;
+    leave(&mut stage, rest + DVec3::Z * 20.0);
+    // 20 m at 5 m/s, one and a half times as fast in the middle: 6 s.
+    stage.wait(2_000_000 + 5_900_000);
+    assert!(stage.cluster.presentation.head.position != rest);
+    stage.wait(200_000);
+    assert_eq!(stage.cluster.presentation.head.position, rest);
 }
