@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::fs::OpenOptions;
 use std::io::{Read, Write};
 use std::net::{TcpListener, UdpSocket};
+use std::os::unix::net::UnixListener;
 use std::path::PathBuf;
 use std::process::Command as Program;
 use std::thread::Builder;
@@ -179,6 +180,54 @@ fn a_pad_flies_and_a_bridge_goes_on_with_the_next_manager() {
     });
     drop(pad);
     await_device(&client, "pad", |of| of.state == DeviceState::Lost);
+}
+
+#[test]
+fn a_3d_mouse_flies_until_it_is_unplugged_and_outlives_its_driver() {
+    let place = TestDir::new();
+    let path = place.path("spnav.sock");
+    let wall = wall_with(&format!(
+        "[[device]]\nname = \"mouse\"\nkind = \"spacenav\"\npath = \"{}\"\n\
+         [device.fly]\nforward = \"axis2\"\nturn = \"-axis4\"\nspeed = 0.5\n",
+        path.display()
+    ));
+    let local = LocalWall::manager(place, &wall, &[], ANY_PORT);
+    let client = local.client();
+    let mut process = bridge(&local);
+    process.await_line(&["device mouse", "cannot be opened", "start spacenavd"]);
+    let driver = UnixListener::bind(&path).expect("a socket");
+    let (mut socket, _) = driver.accept().expect("the bridge");
+    let mut motion = |axes: [i32; 6]| {
+        let numbers = [0].into_iter().chain(axes).chain([16]);
+        let bytes: Vec<u8> = numbers.flat_map(i32::to_ne_bytes).collect();
+        socket.write_all(&bytes).expect("written");
+    };
+    await_device(&client, "mouse", |of| of.state == DeviceState::Live);
+    let camera = || client.presentation().expect("a presentation").camera;
+    let stands = || {
+        let [one, two] = [0; 2].map(|_| {
+            client.render_frame().expect("a frame");
+            camera()
+        });
+        (one == two).then_some(())
+    };
+    motion([0, 0, 350, 0, 0, 0]);
+    wait::until("the camera flies ahead", || (camera().position.z < -0.2).then_some(()));
+    // spacenavd says so of a mouse that is unplugged, too.
+    motion([0; 6]);
+    wait::until("it stands", stands);
+    // A cap that is turned to the left, seen from above.
+    motion([0, 0, 0, 0, 350, 0]);
+    wait::until("it looks to the left", || {
+        ((camera().rotation * DVec3::NEG_Z).x < -0.1).then_some(())
+    });
+    // The driver is killed with the cap turned, and started again.
+    drop(socket);
+    await_device(&client, "mouse", |of| of.state == DeviceState::Lost);
+    wait::until("it stands", stands);
+    let (_socket, _) = driver.accept().expect("the bridge is back");
+    await_device(&client, "mouse", |of| of.state == DeviceState::Live);
+    process.kill();
 }
 
 /// Serves one VRPN client with poses until it leaves, as VRPN's `Format_Of_Protocol.txt` says.

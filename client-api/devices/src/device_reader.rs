@@ -5,7 +5,7 @@ use std::net::SocketAddr;
 use glam::DQuat;
 use polyptych_protocol::device_status::{DeviceState, DeviceStatus};
 use polyptych_protocol::feedback::Quantiles;
-use polyptych_wall::device::{ControlInput, Device, DeviceSource};
+use polyptych_wall::device::{ControlInput, Device};
 use polyptych_wall::head::{HEAD_REACH_MAX_M, HeadPose};
 
 use crate::flight_controls::FlightControls;
@@ -294,8 +294,7 @@ impl DeviceReader {
 
     /// Returns the time at which silence makes the device lost; `None` if it is not live, or a pad.
     fn silence_ends(&self) -> Option<Micros> {
-        let is_read = self.state == DeviceState::Live
-            && !matches!(self.device.source, DeviceSource::Joystick { .. });
+        let is_read = self.state == DeviceState::Live && !self.device.source.is_read_by_change();
         let last = self.last.filter(|_| is_read)?;
         Some(last + micros_from_ms(self.device.lost_ms))
     }

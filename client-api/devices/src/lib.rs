@@ -23,6 +23,7 @@ pub mod pose_filter;
 mod pose_track;
 mod rotation_reading;
 pub mod sensor_pose;
+pub mod spacenav;
 pub mod vrpn;
 
 pub use bridge::Bridge;

@@ -16,15 +16,18 @@ pub(super) fn control(kind: DeviceKind, text: &str) -> Result<Control, (String, 
     };
     let input = match kind {
         DeviceKind::Osc => osc(name),
-        DeviceKind::Joystick => joystick(name),
+        // The kernel's ABS_CNT.
+        DeviceKind::Joystick => axis_or_button(name, 64),
+        DeviceKind::Spacenav => axis_or_button(name, 6),
         DeviceKind::Vrpn => {
             let what = "trackers of VRPN have no controls".to_owned();
-            return Err((what, "use a device of kind \"osc\" or \"joystick\"".to_owned()));
+            return Err((what, "use a device of another kind".to_owned()));
         }
     };
     input.map(|input| Control { input, is_negative }).ok_or_else(|| {
         let remedy = match kind {
             DeviceKind::Joystick => "write \"axis0\" to \"axis63\" or \"button0\" to \"button255\"",
+            DeviceKind::Spacenav => "write \"axis0\" to \"axis5\" or \"button0\" to \"button255\"",
             _ => "write an OSC address, with \"[1]\" behind it for the second argument",
         };
         let found: String = text.chars().take(80).collect();
@@ -40,10 +43,9 @@ fn osc(name: &str) -> Option<ControlInput> {
     is_osc_address(address).then(|| ControlInput::Osc { address: address.to_owned(), argument })
 }
 
-fn joystick(name: &str) -> Option<ControlInput> {
+fn axis_or_button(name: &str, axes: u16) -> Option<ControlInput> {
     if let Some(number) = name.strip_prefix("axis") {
-        // The kernel's ABS_CNT.
-        return whole(number).filter(|n| *n < 64).map(|n| ControlInput::Axis(n as u8));
+        return whole(number).filter(|n| *n < axes).map(|n| ControlInput::Axis(n as u8));
     }
     let number = whole(name.strip_prefix("button")?)?;
     u8::try_from(number).ok().map(ControlInput::Button)
@@ -79,6 +81,7 @@ mod tests {
         };
         of(DeviceKind::Osc, &["/wand/x", "-/wand/stick[1]"]);
         of(DeviceKind::Joystick, &["axis0", "-axis3", "button11"]);
+        of(DeviceKind::Spacenav, &["axis5", "-axis4", "button255"]);
         for (kind, text) in [
             (DeviceKind::Osc, "wand"),
             (DeviceKind::Osc, "/a[64]"),
@@ -88,6 +91,8 @@ mod tests {
             (DeviceKind::Joystick, "button256"),
             (DeviceKind::Joystick, "axis"),
             (DeviceKind::Joystick, "/a"),
+            (DeviceKind::Spacenav, "axis6"),
+            (DeviceKind::Spacenav, "rx"),
             (DeviceKind::Vrpn, "axis0"),
         ] {
             assert!(control(kind, text).is_err(), "{text}");

@@ -133,13 +133,13 @@ impl DeviceEntry<'_> {
         match self.section.kind {
             DeviceKind::Osc => "listen",
             DeviceKind::Vrpn => "server",
-            DeviceKind::Joystick => "path",
+            DeviceKind::Joystick | DeviceKind::Spacenav => "path",
         }
     }
 
     fn source(&self) -> Result<DeviceSource, WallFileError> {
         let DeviceSection { listen, server, path, .. } = self.section;
-        let kind = ["osc", "vrpn", "joystick"][self.section.kind as usize];
+        let kind = ["osc", "vrpn", "joystick", "spacenav"][self.section.kind as usize];
         let wanted = self.place_key();
         let places = [("listen", listen), ("server", server), ("path", path)];
         let odd = places.iter().find(|(key, place)| *key != wanted && place.is_some());
@@ -154,6 +154,7 @@ impl DeviceEntry<'_> {
                 DeviceKind::Osc => "add listen = \"127.0.0.1:9000\"",
                 DeviceKind::Vrpn => "add server = \"HOST:3883\"",
                 DeviceKind::Joystick => "add path = \"/dev/input/js0\"",
+                DeviceKind::Spacenav => "add path = \"/var/run/spnav.sock\"",
             };
             return Err(self.error(wanted, "the key is missing", remedy));
         };
@@ -166,15 +167,16 @@ impl DeviceEntry<'_> {
                 let what = format!("{place:?} is no host with a port");
                 Err(self.error(wanted, what, "write HOST:PORT, such as \"tracker-pc:3883\""))
             }
-            DeviceKind::Joystick
+            DeviceKind::Joystick | DeviceKind::Spacenav
                 if place.is_empty() || place.contains('\0') || place.len() > PATH_BYTES_MAX =>
             {
                 let what = format!("{:?} is no path", place.chars().take(80).collect::<String>());
-                Err(self.error(wanted, what, "write a path such as \"/dev/input/js0\""))
+                Err(self.error(wanted, what, "write a path that begins with \"/\""))
             }
             DeviceKind::Osc => Ok(DeviceSource::Osc { listen: place }),
             DeviceKind::Vrpn => Ok(DeviceSource::Vrpn { server: place }),
             DeviceKind::Joystick => Ok(DeviceSource::Joystick { path: place }),
+            DeviceKind::Spacenav => Ok(DeviceSource::Spacenav { path: place }),
         }
     }
 
@@ -261,8 +263,8 @@ impl DeviceEntry<'_> {
         let (kind, wrong): (_, &[_]) = match self.section.kind {
             DeviceKind::Osc => ("osc", &of_vrpn),
             DeviceKind::Vrpn => ("vrpn", &of_osc),
-            DeviceKind::Joystick => {
-                let what = "a joystick tracks no head";
+            DeviceKind::Joystick | DeviceKind::Spacenav => {
+                let what = "a joystick or 3D mouse tracks no head";
                 return Err(self.error("head", what, "use kind = \"osc\" or \"vrpn\""));
             }
         };

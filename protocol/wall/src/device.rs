@@ -39,6 +39,11 @@ pub enum DeviceSource {
         /// The path of its device file, such as `/dev/input/js0`.
         path: String,
     },
+    /// A 3D mouse, by spacenavd.
+    Spacenav {
+        /// The path of spacenavd's socket, such as `/var/run/spnav.sock`.
+        path: String,
+    },
 }
 
 impl DeviceSource {
@@ -48,6 +53,7 @@ impl DeviceSource {
             Self::Osc { .. } => "osc",
             Self::Vrpn { .. } => "vrpn",
             Self::Joystick { .. } => "joystick",
+            Self::Spacenav { .. } => "spacenav",
         }
     }
 
@@ -56,8 +62,14 @@ impl DeviceSource {
         match self {
             Self::Osc { listen: place }
             | Self::Vrpn { server: place }
-            | Self::Joystick { path: place } => place,
+            | Self::Joystick { path: place }
+            | Self::Spacenav { path: place } => place,
         }
+    }
+
+    /// Returns whether readings come only when a value changes, so that silence is no loss.
+    pub fn is_read_by_change(&self) -> bool {
+        matches!(self, Self::Joystick { .. } | Self::Spacenav { .. })
     }
 }
 

@@ -1,15 +1,16 @@
 //! Sockets and files that devices are read from: each on a task or a thread of its own.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{self, Read};
 use std::net::SocketAddr;
-use std::sync::Arc;
+use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use anyhow::Context;
-use polyptych_devices::joystick::{EVENT_BYTES, JoystickEvent, event};
+use polyptych_devices::joystick::{self, JoystickEvent};
 use polyptych_devices::osc::PACKET_BYTES_MAX;
 use polyptych_devices::sensor_pose::SensorPose;
+use polyptych_devices::spacenav;
 use polyptych_devices::vrpn::{COOKIE, VrpnStream};
 use polyptych_wall::Wall;
 use polyptych_wall::device::{DeviceSource, HeadInput};
@@ -41,7 +42,7 @@ pub struct Reading {
 pub enum ReadingKind {
     /// A UDP packet and its sender.
     Packet(SocketAddr, Vec<u8>),
-    /// A value of a pad has changed.
+    /// A value of a pad or a 3D mouse has changed.
     Joystick(JoystickEvent),
     /// A pose of the head's sensor.
     Pose(SensorPose),
@@ -75,7 +76,18 @@ pub async fn open(wall: &Wall) -> anyhow::Result<mpsc::Receiver<Reading>> {
             DeviceSource::Joystick { path } => {
                 let path = path.clone();
                 let thread = std::thread::Builder::new().name("joystick".into());
-                thread.spawn(move || read_joystick(&path, index, &to_bridge))?;
+                let events = |bytes| joystick::event(bytes).into_iter();
+                let open = |path: &str| File::open(path);
+                let hint = "plug it in, or change path";
+                thread.spawn(move || read_events(&path, hint, open, events, index, &to_bridge))?;
+            }
+            DeviceSource::Spacenav { path } => {
+                let path = path.clone();
+                let thread = std::thread::Builder::new().name("spacenav".into());
+                let open = |path: &str| UnixStream::connect(path);
+                let hint = "start spacenavd, or change path";
+                let events = spacenav::events;
+                thread.spawn(move || read_events(&path, hint, open, events, index, &to_bridge))?;
             }
             DeviceSource::Vrpn { server } => {
                 let input = device.head.as_ref().map(|head| head.input.clone());
@@ -173,32 +185,38 @@ async fn read_vrpn_once(
     }
 }
 
-/// Reads events until the bridge ends; opens the file again if it has gone.
-fn read_joystick(path: &str, device: usize, to_bridge: &mpsc::Sender<Reading>) {
-    let path: Arc<str> = path.into();
+/// Reads events of a size until the bridge ends; opens the path again if it has gone.
+fn read_events<const BYTES: usize, Events, Source>(
+    path: &str,
+    hint: &str,
+    open: impl Fn(&str) -> io::Result<Source>,
+    events: impl Fn([u8; BYTES]) -> Events,
+    device: usize,
+    to_bridge: &mpsc::Sender<Reading>,
+) where
+    Events: IntoIterator<Item = JoystickEvent>,
+    Source: Read,
+{
+    let send = |what| to_bridge.blocking_send(Reading { device, what }).is_ok();
     loop {
-        let failure = match File::open(&*path) {
-            Err(error) => format!("{path} cannot be opened: {error}; plug it in, or change path"),
-            Ok(mut file) => {
-                let opened = Reading { device, what: ReadingKind::Opened };
-                if to_bridge.blocking_send(opened).is_err() {
+        let failure = match open(path) {
+            Err(error) => format!("{path} cannot be opened: {error}; {hint}"),
+            Ok(mut source) => {
+                if !send(ReadingKind::Opened) {
                     return;
                 }
                 loop {
-                    let mut bytes = [0; EVENT_BYTES];
-                    if let Err(error) = file.read_exact(&mut bytes) {
+                    let mut bytes = [0; BYTES];
+                    if let Err(error) = source.read_exact(&mut bytes) {
                         break format!("{path} has ended: {error}");
                     }
-                    let Some(event) = event(bytes) else { continue };
-                    let what = ReadingKind::Joystick(event);
-                    if to_bridge.blocking_send(Reading { device, what }).is_err() {
+                    if !events(bytes).into_iter().all(|event| send(ReadingKind::Joystick(event))) {
                         return;
                     }
                 }
             }
         };
-        let what = ReadingKind::Failed(failure);
-        if to_bridge.blocking_send(Reading { device, what }).is_err() {
+        if !send(ReadingKind::Failed(failure)) {
             return;
         }
         std::thread::sleep(REOPEN_PAUSE);

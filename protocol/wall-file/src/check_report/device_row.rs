@@ -27,7 +27,7 @@ const ORIGIN_DISTANCE_MAX_M: f64 = 50.0;
 pub struct DeviceRow {
     /// The device's name.
     pub name: String,
-    /// `osc`, `vrpn` or `joystick`.
+    /// `osc`, `vrpn`, `joystick` or `spacenav`.
     pub kind: &'static str,
     /// The address or the path of its readings.
     pub place: String,

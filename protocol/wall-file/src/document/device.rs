@@ -35,7 +35,7 @@ pub struct DeviceSection {
     /// Unique in the wall. Letters a–z, digits, "-", "_", ".", 64 at most.
     pub name: String,
     /// The protocol: "osc", OSC 1.0 messages in UDP packets; "vrpn", a VRPN server; "joystick", a
-    /// game pad or joystick of Linux.
+    /// game pad or joystick of Linux; "spacenav", a 3D mouse by spacenavd.
     pub kind: DeviceKind,
     /// With kind = "osc": the local ADDRESS:PORT that packets are sent to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -43,7 +43,8 @@ pub struct DeviceSection {
     /// With kind = "vrpn": the server, HOST:PORT; VRPN's own port is 3883.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub server: Option<String>,
-    /// With kind = "joystick": the device file, such as "/dev/input/js0".
+    /// With kind = "joystick": the device file, such as "/dev/input/js0". With "spacenav": the
+    /// socket of spacenavd, "/var/run/spnav.sock".
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub path: Option<String>,
     /// Milliseconds without a reading after which the device is lost, 20 to 60000. Default: 500.
@@ -70,6 +71,8 @@ pub enum DeviceKind {
     Vrpn,
     /// A game pad or joystick of Linux.
     Joystick,
+    /// A 3D mouse by spacenavd.
+    Spacenav,
 }
 
 /// The tracker's own axes, unit and origin in display space.
@@ -178,8 +181,8 @@ pub struct HeadSection {
 }
 
 /// The controls that fly the camera. Each names a value: of OSC the address of a message, with
-/// "[1]" behind it for its second argument; of a joystick "axis0" or "button3". "-" before it
-/// reverses its sign.
+/// "[1]" behind it for its second argument; of a joystick and a 3D mouse "axis0" or "button3".
+/// "-" before it reverses its sign.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FlySection {

@@ -56,6 +56,16 @@ up = "button4"
 turn_speed = 90.0
 "#;
 
+const MOUSE: &str = r#"
+[[device]]
+name = "mouse"
+kind = "spacenav"
+path = "/var/run/spnav.sock"
+[device.fly]
+forward = "axis2"
+turn = "-axis4"
+"#;
+
 const VRPN: &str = r#"
 [[device]]
 name = "dtrack"
@@ -72,7 +82,7 @@ fn parsed(devices: &[&str]) -> Result<Wall, WallFileError> {
 
 #[test]
 fn devices_are_read_and_written_back() {
-    let wall = parsed(&[TRACKER, PAD]).expect("a wall");
+    let wall = parsed(&[TRACKER, PAD, MOUSE]).expect("a wall");
     let tracker = &wall.devices[0];
     assert_eq!(tracker.source, DeviceSource::Osc { listen: "0.0.0.0:9000".into() });
     let head = tracker.head.as_ref().expect("a head");
@@ -88,7 +98,7 @@ fn devices_are_read_and_written_back() {
     for wall in [&wall, &vrpn] {
         assert_eq!(parse(&to_toml(wall), "again.toml".as_ref()).as_ref(), Ok(wall));
     }
-    let changes = differences(&wall, &parsed(&[PAD]).expect("a wall"));
+    let changes = differences(&wall, &parsed(&[PAD, MOUSE]).expect("a wall"));
     let keys: Vec<&str> = changes.iter().map(|change| change.key.as_str()).collect();
     assert_eq!(keys, ["device.tracker"]);
 }
@@ -124,6 +134,9 @@ fn wrong_devices_are_refused_with_key_and_remedy() {
         (TRACKER, "lost_ms = 250", "lost_ms = 0", "device[0].lost_ms", "20"),
         (PAD, "button4", "button", "device[0].fly.up", "button0"),
         (PAD, "turn_speed = 90.0", "dead_zone = 1.0", "device[0].fly.dead_zone", "0.9"),
+        (MOUSE, "path = \"/var/run/spnav.sock\"", "", "device[0].path", "spnav.sock"),
+        (MOUSE, "axis2", "axis6", "device[0].fly.forward", "axis5"),
+        (MOUSE, "fly]\nforward = \"axis2\"\nturn", "head]\npose", "device[0].head", "osc"),
         (VRPN, "tracker-pc:3883", "tracker-pc", "device[0].server", "HOST:PORT"),
         (VRPN, "\"Tracker0\"", "\"a@b\"", "device[0].head.tracker", "Tracker0"),
     ] {

@@ -18,13 +18,14 @@ pub fn section(device: &Device) -> DeviceSection {
         DeviceSource::Osc { .. } => DeviceKind::Osc,
         DeviceSource::Vrpn { .. } => DeviceKind::Vrpn,
         DeviceSource::Joystick { .. } => DeviceKind::Joystick,
+        DeviceSource::Spacenav { .. } => DeviceKind::Spacenav,
     };
     DeviceSection {
         name: device.name.clone(),
         kind,
         listen: place(kind == DeviceKind::Osc),
         server: place(kind == DeviceKind::Vrpn),
-        path: place(kind == DeviceKind::Joystick),
+        path: place(matches!(kind, DeviceKind::Joystick | DeviceKind::Spacenav)),
         lost_ms: device.lost_ms,
         frame: frame(&device.frame),
         head: device.head.as_ref().map(head),

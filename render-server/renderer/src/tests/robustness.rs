@@ -1,7 +1,7 @@
 //! Degenerate input gives a picture without holes and NaN, wrong input an error that says why.
 
 use glam::{Affine2, DAffine3, DMat3, DVec3, Vec3};
-use polyptych_scene::{AlphaMode, Instance, Light, LightKind, Material, TextureRef};
+use polyptych_scene::{AlphaMode, Glow, Instance, Light, LightKind, Material, TextureRef};
 
 use super::harness::{MeshFixture, SceneFixture, draw, drawn, gpu, look, matt, pixel};
 use crate::{AllowedError, DrawError, Renderer, SceneBuilder, SceneError, Target, ViewDesc};
@@ -238,8 +238,9 @@ fn what_does_not_fit_together_is_an_error() {
         let error = renderer.draw(gpu(), &scene, &mut target, &[view]).unwrap_err();
         assert!(error.to_string().contains("allowed error"), "{error}");
     }
-    let mut linear = Target::new(gpu(), SIZE, 1, true).unwrap();
-    let error = renderer.draw(gpu(), &scene, &mut linear, views).unwrap_err();
+    let glow = Some(Glow { strength: 0.5, width_degrees: 4.0 });
+    let glowing = ViewDesc { glow, ..view.clone() };
+    let error = renderer.draw(gpu(), &scene, &mut target, &[glowing]).unwrap_err();
     assert!(matches!(error, DrawError::Target), "{error}");
     let stats = renderer.draw(gpu(), &scene, &mut target, &[]).unwrap();
     assert_eq!(stats.draw_calls, 0);
