@@ -50,7 +50,7 @@ impl HeadReturn {
 }
 
 impl Cluster {
-    /// Moves the head as a client asks for, which ends a return.
+    /// Moves the head as a client or a session asks for, which ends a return.
     pub(super) fn place_head(&mut self, update: HeadUpdate) -> Result<(), String> {
         self.set_head(update)?;
         self.devices.head_return = None;

@@ -191,7 +191,7 @@ impl Cluster {
         // A fog or glow that a client could not set is left out.
         self.presentation.fog = fog.filter(|fog| fog.fault().is_none());
         self.presentation.glow = glow.filter(|glow| glow.fault().is_none());
-        let head = self.set_head(head.into()).map_err(|reason| format!("the head: {reason}"));
+        let head = self.place_head(head.into()).map_err(|reason| format!("the head: {reason}"));
         let views = self.set_views(views.clone()).map_err(|reason| format!("views: {reason}"));
         let bounds = self.set_bounds(bounds).map_err(|reason| format!("the bounds: {reason}"));
         self.stored_views.clear();

@@ -201,3 +201,15 @@ fn a_long_way_back_is_no_faster_than_a_head() {
     stage.wait(200_000);
     assert_eq!(stage.cluster.presentation.head.position, rest);
 }
+
+#[test]
+fn the_head_of_a_session_that_is_opened_does_not_return() {
+    let mut stage = tracked();
+    let place = stage.cluster.wall.head().position + DVec3::X * 0.3;
+    leave(&mut stage, place);
+    let session = stage.cluster.persistent_state();
+    stage.wait(2_500_000);
+    assert_eq!(stage.cluster.resume(&session, stage.now), <[String; 0]>::default());
+    stage.wait(9_000_000);
+    assert_eq!(stage.cluster.presentation.head.position, place);
+}
