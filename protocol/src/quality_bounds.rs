@@ -104,6 +104,10 @@ pub struct DrawnDetail {
     pub limiting_channel: Option<String>,
     /// The pixels that were drawn along each side, as a share of the wall's: 0.25 to 1.
     pub resolution_scale: f64,
+    /// Servers hold a part of the scene, and get one ready that serves better where the wall is
+    /// seen from: the same frame will have more detail.
+    #[serde(default)]
+    pub awaits_detail: bool,
 }
 
 impl Default for DrawnDetail {
@@ -113,6 +117,7 @@ impl Default for DrawnDetail {
             largest_error_px: 0.0,
             limiting_channel: None,
             resolution_scale: 1.0,
+            awaits_detail: false,
         }
     }
 }

@@ -86,6 +86,9 @@ pub struct Prepared {
     pub features: Vec<String>,
     /// Bytes of the scene's meshes and textures on the GPU.
     pub scene_bytes: u64,
+    /// `None` if all of the scene is on the GPU. Else the distance in units of the world by which
+    /// each place that it is seen from may move before another part of it serves better.
+    pub detail_reach: Option<f64>,
 }
 
 /// A channel has drawn a frame.

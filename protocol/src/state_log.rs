@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use glam::DVec2;
 use polyptych_files::blob::BlobHash;
+use polyptych_scene::residency::SeenFrom;
 use polyptych_scene::{Edit, SceneEdits};
 use polyptych_wall::{ChannelCalibration, ChannelId, Wall};
 use serde::{Deserialize, Serialize};
@@ -44,6 +45,9 @@ pub enum Operation {
     SetEdits(Box<SceneEdits>),
     /// Scenes are surrounded by this, or by their own sky if `None`.
     SetEnvironment(Option<Environment>),
+    /// The open scene is seen from these places, which decide what servers hold of it where all is
+    /// more than their budget.
+    SetSeenFrom(Vec<SeenFrom>),
 }
 
 /// Maximum size of a wall's description, in encoded bytes: it travels in one message, beside a
@@ -92,6 +96,10 @@ pub struct Replica {
     /// The surroundings of scenes, if not their own sky.
     #[serde(default)]
     pub environment: Option<Environment>,
+    /// The places that the open scene is seen from, as far as servers need them; none after it was
+    /// opened.
+    #[serde(default)]
+    pub seen_from: Vec<SeenFrom>,
     /// Fingerprints of the parts.
     parts: Parts,
 }
@@ -151,8 +159,12 @@ impl Replica {
             }),
             Operation::OpenScene(scene) => {
                 (self.scene, self.edits) = (Some(scene), SceneEdits::default());
+                self.seen_from.clear();
             }
-            Operation::CloseScene => (self.scene, self.edits) = (None, SceneEdits::default()),
+            Operation::CloseScene => {
+                (self.scene, self.edits) = (None, SceneEdits::default());
+                self.seen_from.clear();
+            }
             Operation::EditScene(edits) => {
                 for edit in Arc::unwrap_or_clone(edits) {
                     self.edits.apply(edit);
@@ -160,6 +172,7 @@ impl Replica {
             }
             Operation::SetEdits(edits) => self.edits = *edits,
             Operation::SetEnvironment(environment) => self.environment = environment,
+            Operation::SetSeenFrom(places) => self.seen_from = places,
         }
         self.revision.0 += 1;
     }
@@ -189,7 +202,10 @@ impl Replica {
             (!self.edits.is_empty()).then(|| Operation::SetEdits(self.edits.clone().into()));
         let environment = self.environment.clone();
         let environment = environment.map(|of| Operation::SetEnvironment(Some(of)));
-        wall.into_iter().chain(scene).chain(edits).chain(environment).collect()
+        let places = &self.seen_from;
+        let seen_from = (!places.is_empty()).then(|| Operation::SetSeenFrom(places.clone()));
+        let scene = scene.into_iter().chain(edits).chain(seen_from);
+        wall.into_iter().chain(scene).chain(environment).collect()
     }
 
     /// The state that a snapshot of this revision folds to.
@@ -212,13 +228,17 @@ impl Replica {
         let scene = scene.wrapping_add(self.edits.fingerprint());
         let environment = self.environment.as_ref().map_or(0, |of| part(5, &of.blob.0));
         let scene = scene.wrapping_add(environment);
+        let places = &self.seen_from;
+        let seen_from =
+            if places.is_empty() { 0 } else { part(6, &polyptych_codec::encode(places)) };
+        let scene = scene.wrapping_add(seen_from);
         Digest(wall.wrapping_add(scene).wrapping_add(revision))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use glam::UVec2;
+    use glam::{DVec3, UVec2};
 
     use super::*;
     use polyptych_wall::Channel;
@@ -244,6 +264,19 @@ mod tests {
         assert_eq!((&surrounded, surrounded.digest()), (&replica, replica.digest()));
         replica.environment = None;
         assert_ne!(surrounded.digest(), replica.digest(), "the environment is in the digest");
+
+        let place = SeenFrom { position: DVec3::ONE, density: 1000.0, is_parallel: false };
+        let manifest = BlobHash::of(b"d");
+        replica.apply(Operation::OpenScene(SceneRef { name: "d".into(), manifest }));
+        replica.apply(Operation::SetSeenFrom(vec![place]));
+        let seen = Replica::from_snapshot(replica.revision, replica.snapshot());
+        assert_eq!((&seen, seen.digest()), (&replica, replica.digest()));
+        replica.seen_from.clear();
+        assert_ne!(seen.digest(), replica.digest(), "the places are in the digest");
+        let revision = replica.revision;
+        replica.apply(Operation::SetSeenFrom(vec![place]));
+        replica.apply(Operation::OpenScene(SceneRef { name: "d".into(), manifest }));
+        assert!(replica.revision > revision && replica.seen_from.is_empty(), "a new scene");
     }
 
     #[test]

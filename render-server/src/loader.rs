@@ -6,6 +6,7 @@
 mod held_part;
 mod host_memory;
 mod moves;
+mod ready_scene;
 mod surroundings;
 
 use std::collections::BTreeMap;
@@ -20,31 +21,28 @@ use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::command::Prepare;
 use polyptych_protocol::ids::{Digest, Epoch};
 use polyptych_protocol::server_message::{Prepared, ServerMessage};
-use polyptych_protocol::state_log::{Replica, SceneRef};
-use polyptych_renderer::{ContentPlace, MovedItems, SceneLayout};
-use polyptych_scene::{
-    AssetManifests, AssetSet, Motion, NodeTraits, PlacedNodes, Scene, SceneFeatures,
-};
+use polyptych_protocol::state_log::Replica;
+use polyptych_renderer::{MovedItems, SceneLayout};
+use polyptych_scene::{Motion, Scene, SceneFeatures};
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::camera::Camera;
 use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
 use polyptych_wall::warp::CalibrationMap;
-use polyptych_wall::{ChannelCalibration, MemoryBudget, Wall};
+use polyptych_wall::{ChannelCalibration, Wall};
 use tokio::sync::mpsc;
 
 use crate::blob_sources::{BlobOrder, BlobSources};
 use crate::bulk::BulkJob;
 use crate::correction::{self, CorrectionPlans};
-use crate::frame_views;
 use crate::render_event::RenderEvent;
-use held_part::HeldPart;
 use host_memory::HostMemory;
+use ready_scene::ReadyScene;
 pub(crate) use surroundings::LoadedEnvironment;
 
 /// Orders that wait for the loader; the manager sends one change at a time.
 pub(crate) const ORDERS_MAX: usize = 16;
 
-/// Pieces that wait for the render thread: each delays a frame by at most one upload.
+/// Pieces that wait for the render thread.
 pub(crate) const UPLOADS_MAX: usize = 4;
 
 /// A state that can be drawn, but for what the GPU holds of it.
@@ -74,24 +72,6 @@ pub(crate) struct SceneVersion {
     pub manifest: BlobHash,
     /// See [`SceneEdits::fingerprint`].
     pub edits: u64,
-}
-
-/// The scene that the render thread was given last.
-#[derive(Clone, Debug)]
-struct ReadyScene {
-    version: SceneVersion,
-    /// The budgets that it was loaded within.
-    budget: MemoryBudget,
-    /// The scene of its file, without changes.
-    base: Arc<Scene>,
-    /// Manifests of what was added to it.
-    added: AssetManifests,
-    layout: Arc<SceneLayout>,
-    /// The nodes as they stand in the layout.
-    placed: Arc<PlacedNodes>,
-    motion: Option<Arc<Motion>>,
-    features: SceneFeatures,
-    warm_up: Camera,
 }
 
 impl LoadedState {
@@ -275,7 +255,9 @@ impl Loader {
         let surrounded = environment.as_ref().map(|_| "environment");
         let features = features.chain(surrounded).map(Into::into).collect();
         (self.ready_scene, self.ready_environment) = (scene, environment);
-        Ok(Prepared { epoch, revision, digest, features, scene_bytes })
+        let weights = self.ready_scene.as_ref().and_then(|ready| ready.weights.as_ref());
+        let detail_reach = weights.map(|weights| weights.reach.min(f64::MAX));
+        Ok(Prepared { epoch, revision, digest, features, scene_bytes, detail_reach })
     }
 
     /// Returns the wall's geometry. It is that of the last call if only settings that do not move
@@ -353,102 +335,6 @@ impl Loader {
         Ok(loaded)
     }
 
-    fn load_scene(
-        &mut self,
-        scene: &SceneRef,
-        replica: &Replica,
-        line: &LoaderLink,
-    ) -> Result<ReadyScene, String> {
-        let version = SceneVersion { manifest: scene.manifest, edits: replica.edits.fingerprint() };
-        let budget = replica.wall.as_ref().map(|wall| wall.budget).unwrap_or_default();
-        let ready = self.ready_scene.clone();
-        let is_it = |of: &&ReadyScene| of.version.manifest == scene.manifest && of.budget == budget;
-        let before = ready.as_ref().filter(is_it);
-        if let Some(ready) = before.filter(|ready| ready.version == version) {
-            return Ok(ready.clone());
-        }
-        let base = match before {
-            Some(ready) => Arc::clone(&ready.base),
-            None => Arc::new(self.manifest(scene.manifest, &scene.name, line)?),
-        };
-        let mut added = AssetManifests::new();
-        for AssetSet { manifest, .. } in replica.edits.assets() {
-            let known = before.and_then(|ready| ready.added.get(manifest)).cloned();
-            let read = || self.manifest(*manifest, "what was added", line).map(Arc::new);
-            added.insert(*manifest, known.map_or_else(read, Ok)?);
-        }
-        if let Some(ready) = before
-            && let Some(moved) = moves::moved_items(ready, &replica.edits)
-        {
-            let (layout, moved) = (Arc::clone(&ready.layout), Some(Arc::new(moved)));
-            self.upload(Upload::Relayout { layout, moved })?;
-            let motion = Motion::new(&base, &ready.placed, &replica.edits).map(Arc::new);
-            return Ok(ReadyScene { version, motion, ..ready.clone() });
-        }
-        let (mut edited, ids) = replica.edits.apply_to(&base, &added);
-        let mut traits = replica.edits.traits(&edited.nodes, ids);
-        if let Some(fault) = edited.fault() {
-            return Err(format!("scene {} as it was edited: {fault}", scene.name));
-        }
-        let part = HeldPart::limit(&mut edited, (&base, &added), replica, budget)?;
-        self.sources.set_memory_warning(part.as_ref().and_then(|part| part.warning.clone()));
-        let features = SceneFeatures::from_scene(&edited);
-        let warm_up = frame_views::warm_up_camera(&edited);
-        let placed = PlacedNodes::new(&edited.nodes, traits.ids.clone(), replica.edits.clone());
-        let placed = Arc::new(placed);
-        let motion = Motion::new(&base, &placed, &replica.edits).map(Arc::new);
-        if let Some(motion) = &motion {
-            motion.add_traits(&mut traits);
-        }
-        let (layout, held) = (self.layout(edited, &traits, line)?, before.map(|of| &*of.layout));
-        let is_known = before.is_some_and(|before| before.added.keys().eq(added.keys()))
-            && held.is_some_and(|held| layout.shares_content_with(held));
-        let ready =
-            ReadyScene { version, budget, base, added, layout, placed, motion, features, warm_up };
-        if is_known {
-            self.upload(Upload::Relayout { layout: Arc::clone(&ready.layout), moved: None })?;
-        } else {
-            self.upload_content(&ready, held, part.as_ref(), line)?;
-        }
-        Ok(ready)
-    }
-
-    /// Gives the render thread what of a scene it has not yet.
-    fn upload_content(
-        &self,
-        ready: &ReadyScene,
-        held: Option<&SceneLayout>,
-        part: Option<&HeldPart>,
-        line: &LoaderLink,
-    ) -> Result<(), String> {
-        let layout = &ready.layout;
-        let missing = layout.content_beyond(held);
-        self.upload(Upload::Begin { layout: Arc::clone(layout), shares: held.is_some() })?;
-        let order = BlobOrder { bulk: &line.bulk, check: &|| self.check(line) };
-        let host_bytes = ready.budget.host_bytes();
-        let wanted = missing.into_iter().map(|(hash, place)| {
-            let parts = part.and_then(|part| part.parts(layout.content(), &place));
-            (hash, parts, place)
-        });
-        self.sources.each(wanted, (&order, host_bytes), |place, parts| {
-            let bytes = held_part::joined(layout.content(), &place, parts);
-            let bytes = match host_bytes {
-                // Half is for what is fetched ahead.
-                Some(limit) => self.host_memory.count(bytes, limit / 2, order.check)?,
-                None => bytes,
-            };
-            self.upload(match place {
-                ContentPlace::Texture { index } => Upload::Texture { index, bytes },
-                ContentPlace::Primitive { mesh, primitive } => {
-                    Upload::Primitive { mesh, primitive, bytes }
-                }
-                ContentPlace::Deformer { mesh, primitive } => {
-                    Upload::Deformer { mesh, primitive, bytes }
-                }
-            })
-        })
-    }
-
     fn manifest(&self, hash: BlobHash, name: &str, line: &LoaderLink) -> Result<Scene, String> {
         let bytes = self.blob(hash, line)?;
         let scene = polyptych_scene::decode(&bytes)
@@ -457,19 +343,6 @@ impl Loader {
             Some(fault) => Err(format!("manifest of {name}: {fault}")),
             None => Ok(scene),
         }
-    }
-
-    fn layout(
-        &self,
-        scene: Scene,
-        traits: &NodeTraits,
-        line: &LoaderLink,
-    ) -> Result<Arc<SceneLayout>, String> {
-        let layout = SceneLayout::with_traits(scene, traits, &|| self.fault(line).is_some());
-        layout.map(Arc::new).map_err(|error| match self.fault(line) {
-            Some(fault) => fault.to_owned(),
-            None => error.to_string(),
-        })
     }
 
     fn blob(&self, hash: BlobHash, line: &LoaderLink) -> Result<Bytes, String> {

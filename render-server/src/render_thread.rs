@@ -14,7 +14,7 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, select};
 use moment::DrawnMoment;
@@ -43,6 +43,16 @@ use crate::render_event::RenderEvent;
 
 /// States that are held at once: the one shown, and those that the next frames may name.
 const STATES_MAX: usize = 4;
+
+/// Uploads take one part in so many of the time of frames that follow each other without a pause,
+/// and one upload at least behind each frame.
+const UPLOAD_SHARE: u32 = 8;
+
+/// Maximum time of uploads behind a frame, but for the last one of them.
+const UPLOAD_TIME_MAX: Duration = Duration::from_millis(20);
+
+/// Maximum time for which a frame's end waits for the next upload.
+const UPLOAD_WAIT_MAX: Duration = Duration::from_micros(500);
 
 /// Jobs that wait for the render thread: a wall that stood still for two seconds at 60 frames
 /// per second left 240.
@@ -139,6 +149,8 @@ pub(crate) struct RenderThread {
     playback: FrameScheduler,
     /// Oldest first; the last one was finished last.
     states: VecDeque<ReadyState>,
+    /// The end of the last uploads behind a frame.
+    uploads_ended: Instant,
     /// The scene as clips moved it in the last frame, if they did.
     moment: Option<DrawnMoment>,
     building: Option<SceneBuilder>,
@@ -176,6 +188,7 @@ impl RenderThread {
             drawing,
             playback: FrameScheduler::default(),
             states: VecDeque::new(),
+            uploads_ended: Instant::now(),
             moment: None,
             building: None,
             relayout: None,
@@ -292,10 +305,7 @@ impl RenderThread {
                     self.outputs.iter_mut().for_each(|output| output.keep_aside(&self.gpu, key));
                 }
                 self.draw(&frame);
-                // If the next frame is here already, this thread would never wait for uploads.
-                if let Ok(upload) = self.queues.uploads.try_recv() {
-                    self.upload(upload);
-                }
+                self.upload_behind_frame();
             }
             FrameAction::Show { epoch, frame, display, at_us, is_unscheduled } => {
                 let _span = tracing::error_span!("show", frame = frame.0).entered();
@@ -330,6 +340,25 @@ impl RenderThread {
         }
         self.renderer.set_shadows(wall.shadows);
         Ok(())
+    }
+
+    /// Takes uploads for a share of the time since it last did: where the next frame is here
+    /// already, there is no other time for them.
+    fn upload_behind_frame(&mut self) {
+        let begun = Instant::now();
+        let room = begun.duration_since(self.uploads_ended) / UPLOAD_SHARE;
+        let end = begun + room.min(UPLOAD_TIME_MAX);
+        loop {
+            // The next one is being read, unless it comes over a network.
+            let wait = if self.building.is_some() { UPLOAD_WAIT_MAX } else { Duration::ZERO };
+            let patience = end.saturating_duration_since(Instant::now()).min(wait);
+            let Ok(upload) = self.queues.uploads.recv_timeout(patience) else { break };
+            self.upload(upload);
+            if Instant::now() >= end {
+                break;
+            }
+        }
+        self.uploads_ended = Instant::now();
     }
 
     fn upload(&mut self, upload: Upload) {

@@ -44,6 +44,9 @@ const WARM_UP_FRAMES: u64 = 3;
 /// periods. A scene may have nothing to measure.
 const METERING_TIME_MAX: Duration = Duration::from_secs(2);
 
+/// Time after which detail is not waited for that a budget holds too little of.
+const DETAIL_TIME_MAX: Duration = Duration::from_secs(15);
+
 /// The file with the picture of the whole wall.
 const WALL_PICTURE: &str = "wall.png";
 
@@ -302,8 +305,8 @@ fn drive(
     Ok(seen.conclude())
 }
 
-/// Draws the frames that are not measured: until caches are full and automatic exposure, if there
-/// is, has a value. Returns the number of moves that mice made.
+/// Draws the frames that are not measured: until caches are full, automatic exposure has a value
+/// and detail has come, where there are. Returns the number of moves that mice made.
 fn warm_up(
     client: &Client,
     camera: &dyn Fn(u64) -> Option<Camera>,
@@ -314,11 +317,12 @@ fn warm_up(
     let (mut frames, mut navigations) = (0, 0);
     loop {
         let own = if navigations == 0 { camera(0) } else { None };
-        navigations = client.render_frame_at(own, Some(arguments.time))?.navigations;
-        frames += 1;
-        let is_over = frames >= 2 * WARM_UP_FRAMES && start.elapsed() >= METERING_TIME_MAX;
-        let is_metered = !is_automatic || is_over || client.presentation()?.exposure != before;
-        if frames >= WARM_UP_FRAMES && is_metered {
+        let feedback = client.render_frame_at(own, Some(arguments.time))?;
+        (frames, navigations) = (frames + 1, feedback.navigations);
+        let is_over = |after| frames >= 2 * WARM_UP_FRAMES && start.elapsed() >= after;
+        let is_metered = !is_automatic || client.presentation()?.exposure != before;
+        let has_detail = !feedback.detail.awaits_detail || is_over(DETAIL_TIME_MAX);
+        if frames >= WARM_UP_FRAMES && has_detail && (is_metered || is_over(METERING_TIME_MAX)) {
             return Ok(navigations);
         }
     }

@@ -237,6 +237,7 @@ impl Stage {
                     digest,
                     features,
                     scene_bytes: 0,
+                    detail_reach: None,
                 })
             }
             Command::Frame(frame) => ServerMessage::Drawn(FrameRendered {

@@ -247,5 +247,6 @@ fn prepare_replica(prepare: Prepare, replica: &mut Replica) -> ServerMessage {
         digest,
         features: Vec::new(),
         scene_bytes: 0,
+        detail_reach: None,
     })
 }

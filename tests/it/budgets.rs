@@ -1,16 +1,20 @@
 //! Walls whose servers may take less memory than the scene needs: they show it coarser, alike on
-//! all tiles, and say by how much; a budget that holds everything changes nothing.
+//! all tiles, and say by how much; what is near comes as the camera does. A budget that holds
+//! everything changes nothing.
 
 use image::RgbaImage;
 use polyptych_client::blocking::Client;
-use polyptych_client::glam::DVec3;
-use polyptych_client::{Camera, ChannelState, FrameFeedback, QualityBounds, Wall};
+use polyptych_client::glam::{DAffine3, DVec3};
+use polyptych_client::{
+    Camera, ChannelState, FrameFeedback, NodeId, QualityBounds, Transaction, Wall,
+};
 use serde_json::json;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, screen_of, shot, small};
 use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
 use crate::harness::place::TestDir;
 use crate::harness::scenes::Gltf;
+use crate::harness::wait;
 
 const VIEW: Camera = Camera { position: DVec3::new(0.0, 0.8, 4.0), ..Camera::IDENTITY };
 
@@ -87,6 +91,7 @@ fn wall(columns: u32, gpu_mib: Option<u32>, host_mib: Option<u32>) -> Wall {
 fn shown(wall: &Wall) -> LocalWall {
     let place = TestDir::new();
     place.write("lines.glb", lines().glb());
+    place.write("apart.glb", hills_apart().glb());
     let folder = place.write("hills.glb", hills().glb()).parent().expect("a folder").to_owned();
     let local = LocalWall::start_in(place, wall, &[&folder], ANY_PORT);
     local.client().open_scene("hills.glb").expect("opened");
@@ -100,8 +105,18 @@ fn gpu_bytes(client: &Client) -> u64 {
 }
 
 fn picture(local: &LocalWall) -> (RgbaImage, FrameFeedback) {
+    picture_from(local, VIEW)
+}
+
+/// The picture from a place once all detail is there that the budget has for it.
+fn picture_from(local: &LocalWall, camera: Camera) -> (RgbaImage, FrameFeedback) {
     let client = local.client();
-    (screen_of(&shot(&client, VIEW)), client.render_frame().expect("a frame"))
+    client.set_camera(camera).expect("set");
+    let feedback = wait::until("all detail that there is room for", || {
+        let feedback = client.render_frame().expect("a frame");
+        (!feedback.detail.awaits_detail).then_some(feedback)
+    });
+    (screen_of(&shot(&client, camera)), feedback)
 }
 
 fn budget_warning(client: &Client) -> Option<String> {
@@ -152,6 +167,75 @@ fn less_memory_shows_coarser_levels_alike_on_all_tiles_and_says_the_error() {
         let detail = client.render_frame().expect("a frame").detail;
         assert!(detail.largest_error_px <= error_px.max(last.1 * 1.01), "{detail:?}");
     }
+}
+
+/// The sheets of hills, forty units from each other.
+fn hills_apart() -> Gltf {
+    hills().with(|gltf| {
+        gltf.json["nodes"][0]["translation"] = json!([-20.0, 0.0, 0.0]);
+        gltf.json["nodes"][1]["translation"] = json!([20.0, 0.0, 0.0]);
+    })
+}
+
+/// Before the one on the left, and before that on the right.
+const BEFORE: [Camera; 2] = [before(-20.0), before(20.0)];
+
+const fn before(x: f64) -> Camera {
+    Camera { position: DVec3::new(x, 0.5, 2.5), ..Camera::IDENTITY }
+}
+
+#[test]
+fn detail_comes_where_the_camera_goes_within_the_budget_and_alike_everywhere() {
+    let mib = 5;
+    let [single, mut tiled] = [1, 2].map(|columns| {
+        let local = shown(&wall(columns, Some(mib), None));
+        local.client().open_scene("apart.glb").expect("opened");
+        local
+    });
+    let mut last = None;
+    for (turn, camera) in [BEFORE[0], BEFORE[1], BEFORE[0]].into_iter().enumerate() {
+        let client = single.client();
+        client.set_camera(camera).expect("set");
+        let before = client.render_frame().expect("a frame").detail;
+        let (whole, after) = picture_from(&single, camera);
+        let [coarse, fine] = [before.largest_error_px, after.detail.largest_error_px];
+        let bytes = gpu_bytes(&client);
+        println!("{mib} MiB, camera {turn}: {coarse} px, then {fine} px, {bytes} bytes");
+        assert!(before.awaits_detail && fine < 0.7 * coarse, "{coarse} px, then {fine} px");
+        assert!(bytes <= u64::from(mib) << 20, "{bytes}");
+        let (tiles, _) = picture_from(&tiled, camera);
+        check("tiles beside each other", &tiles, &whole, &SEAMS);
+        if let Some(seen) = last.replace(whole.clone()) {
+            assert_ne!(seen, whole, "cameras see different sheets");
+        }
+    }
+    // A server that comes later holds the same, by what the others were told last.
+    let client = tiled.client();
+    let (before, _) = picture_from(&tiled, BEFORE[0]);
+    tiled.servers.get_mut("front-1-1").expect("there").kill();
+    tiled.await_lost(&client, "front-1-1");
+    tiled.start_server("front-1-1");
+    await_states(&client, &[ChannelState::Live, ChannelState::Ready]);
+    check("after a server came again", &picture_from(&tiled, BEFORE[0]).0, &before, &IDENTICAL);
+}
+
+#[test]
+fn a_node_that_is_moved_to_the_camera_gets_its_detail() {
+    let local = shown(&wall(1, Some(5), None));
+    let client = local.client();
+    client.open_scene("apart.glb").expect("opened");
+    let (_, left) = picture_from(&local, BEFORE[0]);
+    picture_from(&local, BEFORE[1]);
+    // The sheet on the left comes where that on the right was, which goes far away.
+    let mut change = Transaction::default();
+    let at = |x: f64, z: f64| DAffine3::from_translation(DVec3::new(x, 0.0, z));
+    change.set_transform(NodeId(1), at(0.0, -500.0));
+    change.set_transform(NodeId(0), at(20.0, 0.0));
+    client.commit(change).expect("moved");
+    let (_, right) = picture_from(&local, BEFORE[1]);
+    let [left, right] = [left, right].map(|of| of.detail.largest_error_px);
+    println!("{left} px on the left, {right} px on the right");
+    assert!(left > 0.0 && (right - left).abs() < 0.01 * left, "{left} and {right} px");
 }
 
 #[test]

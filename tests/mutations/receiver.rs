@@ -198,6 +198,7 @@ impl Receiver {
                     digest: self.digest,
                     features: Vec::new(),
                     scene_bytes: 0,
+                    detail_reach: None,
                 };
                 self.tell(Input::Status {
                     from: server,

@@ -140,6 +140,8 @@ class DrawnDetail:
     limiting_channel: Optional[str]
     #: The pixels that were drawn along each side, as a share of the wall's: 0.25 to 1.
     resolution_scale: float
+    #: Servers get a part of the scene ready that serves better where the wall is seen from.
+    awaits_detail: bool
 
 
 class Shown(Enum):

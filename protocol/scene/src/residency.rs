@@ -1,18 +1,22 @@
 //! The part of a scene that servers hold on their GPUs where all of it is more than the budget.
 //!
-//! It is a function of manifests and budget alone, so that all servers hold the same, whenever they
+//! It is a function of the replicated state alone, so that all servers hold the same, whenever they
 //! join. Each mesh is held up to one of its cuts. The coarsest cut of everything is always held.
-//! Then the mesh with the largest error in the world is refined by one cut, again and again, until
-//! the next step does not fit: a larger budget holds the same and more. Textures take what meshes
-//! leave, at least half of the budget if they need it; if it is not enough, all are left without as
-//! many of their largest levels as it takes.
+//! Then the mesh with the largest error where it is seen is refined by one cut, again and again,
+//! as long as one fits. Textures take what meshes leave, at least half of the budget if they need
+//! it; if it is not enough, all are left without as many of their largest levels as it takes, and
+//! meshes have the rest. With as many of them no larger budget has a larger error.
+//!
+//! While a server gets another part ready, it holds both. So refined meshes count twice: what two
+//! parts hold together is within the budget too.
+
+mod seen_from;
 
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashMap};
 
-use glam::DVec3;
-
 use super::{Mesh, Primitive, Scene, Texture};
+pub use seen_from::{MeshWeights, SeenFrom};
 
 /// Longest side in pixels of a texture of which no level is left out: others take the memory.
 pub const SMALL_TEXTURE_SIDE: u32 = 64;
@@ -30,7 +34,8 @@ pub struct Residency {
     pub texture_levels_left_out: u32,
     /// Bytes of meshes and textures on the GPU.
     pub gpu_bytes: u64,
-    /// The largest error of a mesh, in units of the world.
+    /// The largest error of a mesh times its weight: in pixels on the wall, or in units of the
+    /// world where no place is known that it is seen from.
     pub error: f64,
 }
 
@@ -74,7 +79,7 @@ impl PartialOrd for Candidate {
 }
 
 impl Residency {
-    /// Chooses what is held within a budget in bytes. `scales` are those of [`mesh_scales`], by
+    /// Chooses what is held within a budget in bytes. `weights` are those of [`MeshWeights`], by
     /// mesh.
     ///
     /// # Errors
@@ -82,10 +87,10 @@ impl Residency {
     pub fn choose(
         meshes: &[Mesh],
         textures: &[Texture],
-        scales: &[f64],
+        weights: &[f64],
         budget: u64,
     ) -> Result<Self, BudgetTooSmall> {
-        let units = units(meshes, scales);
+        let units = units(meshes, weights);
         let sum = |bytes: &mut dyn Iterator<Item = u64>| bytes.fold(0, u64::saturating_add);
         let coarsest = sum(&mut units.iter().filter_map(|unit| Some(unit.steps.first()?.0)));
         let finest = sum(&mut units.iter().filter_map(|unit| Some(unit.steps.last()?.0)));
@@ -101,7 +106,13 @@ impl Residency {
         let fits = |left_out: &u32| of_textures(*left_out) <= for_textures;
         let left_out = (0..=TEXTURE_LEVELS_LEFT_OUT_MAX).find(fits);
         let texture_levels_left_out = left_out.unwrap_or(TEXTURE_LEVELS_LEFT_OUT_MAX);
-        let steps = refine(&units, coarsest, budget - for_textures);
+        // A level of textures is four times the next: what they leave is much.
+        let for_meshes = budget - of_textures(texture_levels_left_out);
+        let steps = if finest <= for_meshes {
+            units.iter().map(|unit| unit.steps.len() - 1).collect()
+        } else {
+            refine(&units, for_meshes - coarsest)
+        };
         let mut levels = vec![0; meshes.len()];
         let (mut gpu_bytes, mut error) = (of_textures(texture_levels_left_out), 0.0_f64);
         for (unit, &step) in units.iter().zip(&steps) {
@@ -127,10 +138,11 @@ impl Residency {
     }
 }
 
-/// Returns the step of each unit, from the coarsest of all on, which has so many bytes.
-fn refine(units: &[Unit], coarsest: u64, budget: u64) -> Vec<usize> {
+/// Returns the step of each unit, where the refined ones may take half of `room` bytes beside the
+/// coarsest of all.
+fn refine(units: &[Unit], room: u64) -> Vec<usize> {
     let mut steps = vec![0; units.len()];
-    let mut bytes = coarsest;
+    let mut bytes: u64 = 0;
     let candidate = |unit: usize, step: usize| {
         let of: &Unit = &units[unit];
         (step + 1 < of.steps.len()).then(|| Candidate { error: of.steps[step].1, unit, step })
@@ -139,12 +151,15 @@ fn refine(units: &[Unit], coarsest: u64, budget: u64) -> Vec<usize> {
         (0..units.len()).filter_map(|unit| candidate(unit, 0)).collect();
     while let Some(Candidate { unit, step, .. }) = open.pop() {
         let of = &units[unit].steps;
-        bytes = bytes.saturating_add(of[step + 1].0.saturating_sub(of[step].0));
-        if bytes > budget {
-            break;
+        // The coarsest stays in the other part.
+        let before = if step == 0 { 0 } else { of[step].0 };
+        let refined = bytes.saturating_add(of[step + 1].0.saturating_sub(before));
+        // What does not fit stays; others may fit.
+        if refined <= room / 2 {
+            bytes = refined;
+            steps[unit] = step + 1;
+            open.extend(candidate(unit, step + 1));
         }
-        steps[unit] = step + 1;
-        open.extend(candidate(unit, step + 1));
     }
     steps
 }
@@ -155,7 +170,7 @@ fn slot(of: &Primitive) -> (polyptych_files::blob::BlobHash, [u32; 4]) {
 }
 
 /// Joins meshes with primitives in common, in the order of the first of each.
-fn units(meshes: &[Mesh], scales: &[f64]) -> Vec<Unit> {
+fn units(meshes: &[Mesh], weights: &[f64]) -> Vec<Unit> {
     let mut unit_of: Vec<usize> = (0..meshes.len()).collect();
     let root = |unit_of: &[usize], mut at: usize| {
         while unit_of[at] != at {
@@ -181,18 +196,18 @@ fn units(meshes: &[Mesh], scales: &[f64]) -> Vec<Unit> {
         units[at].meshes.push(index);
     }
     for unit in &mut units {
-        unit.measure(meshes, scales);
+        unit.measure(meshes, weights);
     }
     units
 }
 
 impl Unit {
     /// Finds its levels, with the bytes and the error of each.
-    fn measure(&mut self, meshes: &[Mesh], scales: &[f64]) {
+    fn measure(&mut self, meshes: &[Mesh], weights: &[f64]) {
         let primitives = || {
-            let scale = |mesh: usize| scales.get(mesh).copied().unwrap_or(1.0);
+            let weight = |mesh: usize| weights.get(mesh).copied().unwrap_or(1.0);
             self.meshes.iter().flat_map(move |&mesh| {
-                meshes[mesh].primitives.iter().map(move |of| (of, scale(mesh)))
+                meshes[mesh].primitives.iter().map(move |of| (of, weight(mesh)))
             })
         };
         let mut levels: Vec<u32> =
@@ -202,12 +217,12 @@ impl Unit {
         levels.dedup();
         let step = |&level: &u32| {
             let (mut bytes, mut error) = (HashMap::new(), 0.0_f64);
-            for (primitive, scale) in primitives() {
+            for (primitive, weight) in primitives() {
                 let cut = primitive.cut_at(level);
                 // Equal blobs have equal cuts, but a manifest may lie.
                 let limited = primitive.limited_to(&cut);
                 bytes.insert(slot(&limited), limited.geometry_bytes());
-                error = error.max(f64::from(cut.error) * scale);
+                error = error.max(f64::from(cut.error) * weight);
             }
             let all = bytes.values().copied().fold(0, u64::saturating_add);
             (all, error)
@@ -227,29 +242,6 @@ fn texture_bytes(textures: &[Texture], left_out: u32) -> u64 {
         })
         .collect();
     each.values().copied().fold(0, u64::saturating_add)
-}
-
-/// Returns the most units of the world that a unit of each mesh is drawn as; 1 for meshes that no
-/// node has, and where that is not finite.
-pub fn mesh_scales(scene: &Scene) -> Vec<f64> {
-    let mut scales = vec![0.0_f64; scene.meshes.len()];
-    for (node, world) in scene.nodes.iter().zip(scene.world_from_nodes()) {
-        let Some(scale) = node.mesh.and_then(|mesh| scales.get_mut(mesh as usize)) else {
-            continue;
-        };
-        // No less than the largest singular value: the Frobenius norm.
-        let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| world.transform_vector3(axis));
-        let own = (x.length_squared() + y.length_squared() + z.length_squared()).sqrt();
-        let copies = node.instances.iter().map(|of| f64::from(of.scale.abs().max_element()));
-        let copies = copies.fold(if node.instances.is_empty() { 1.0 } else { 0.0 }, f64::max);
-        *scale = scale.max(own * copies);
-    }
-    for scale in &mut scales {
-        if !(scale.is_finite() && *scale > 0.0) {
-            *scale = 1.0;
-        }
-    }
-    scales
 }
 
 impl Texture {

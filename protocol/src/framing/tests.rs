@@ -99,6 +99,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         digest: Digest(3),
         features: vec!["blend".into()],
         scene_bytes: 1000,
+        detail_reach: None,
     };
     let shown = FramePresented {
         epoch: Epoch(1),
@@ -308,6 +309,7 @@ fn a_length_that_lies_allocates_nothing() {
         digest: Digest(3),
         features: Vec::new(),
         scene_bytes: 0,
+        detail_reach: None,
     }))
     .to_vec();
     let at = bytes.len() - 2;

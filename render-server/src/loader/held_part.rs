@@ -3,10 +3,9 @@
 use std::ops::Range;
 
 use bytes::Bytes;
-use polyptych_protocol::state_log::Replica;
 use polyptych_renderer::ContentPlace;
-use polyptych_scene::residency::{BudgetTooSmall, Residency, mesh_scales};
-use polyptych_scene::{AssetManifests, Mesh, Primitive, Scene, Texture};
+use polyptych_scene::residency::{BudgetTooSmall, MeshWeights, Residency, SeenFrom};
+use polyptych_scene::{Mesh, Primitive, Scene, Texture};
 use polyptych_wall::MemoryBudget;
 
 /// Meshes and textures of which only a part is loaded.
@@ -15,35 +14,30 @@ pub(super) struct HeldPart {
     /// Meshes with all that their blobs hold.
     meshes: Vec<Mesh>,
     textures: Vec<Texture>,
+    /// What it was chosen by.
+    pub weights: MeshWeights,
     /// The warning of what is missing, for the operator.
     pub warning: Option<String>,
 }
 
 impl HeldPart {
-    /// Limits a scene as it was edited to the budget of GPU memory; `None` if all of it is loaded.
+    /// Limits a scene as it was edited to the budget of GPU memory, for places that it is seen
+    /// from; `None` if all of it is loaded.
     ///
-    /// The choice depends on the manifests and the budget alone, so that all servers make the same.
+    /// The choice depends on the replicated state alone, so that all servers make the same.
     ///
     /// # Errors
     /// Even the coarsest of the scene is more than the budget: the key, and the least that works.
     pub fn limit(
         edited: &mut Scene,
-        (base, added): (&Scene, &AssetManifests),
-        replica: &Replica,
+        seen_from: &[SeenFrom],
         budget: MemoryBudget,
     ) -> Result<Option<Self>, String> {
         let (Some(bytes), Some(mib)) = (budget.gpu_bytes(), budget.gpu_mib) else {
             return Ok(None);
         };
-        let mut scales = mesh_scales(base);
-        scales.resize(edited.meshes.len(), 1.0);
-        for set in replica.edits.assets() {
-            let own = added.get(&set.manifest).map(|scene| mesh_scales(scene)).unwrap_or_default();
-            for (scale, own) in scales.iter_mut().skip(set.first_mesh as usize).zip(own) {
-                *scale = own;
-            }
-        }
-        let held = Residency::choose(&edited.meshes, &edited.textures, &scales, bytes);
+        let weights = MeshWeights::new(edited, seen_from);
+        let held = Residency::choose(&edited.meshes, &edited.textures, &weights.each, bytes);
         let held = held.map_err(|BudgetTooSmall { least }| {
             let least = least.div_ceil(1 << 20);
             format!(
@@ -57,11 +51,13 @@ impl HeldPart {
         let part = Self {
             meshes: edited.meshes.clone(),
             textures: edited.textures.clone(),
+            weights,
             warning: warning(&held, mib),
         };
         held.limit(edited);
         let (bytes, error) = (held.gpu_bytes, held.error);
-        tracing::info!(bytes, error, mib, "a part of the scene is held within the budget");
+        let places = seen_from.len();
+        tracing::debug!(bytes, error, places, mib, "a part of the scene is held within the budget");
         Ok(Some(part))
     }
 

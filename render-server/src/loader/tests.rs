@@ -5,7 +5,7 @@ use std::thread;
 use crossbeam_channel::bounded;
 use glam::{DAffine3, DVec3, Vec3};
 use polyptych_protocol::ids::Revision;
-use polyptych_protocol::state_log::Operation;
+use polyptych_protocol::state_log::{Operation, SceneRef};
 use polyptych_scene::{
     Edit, IndexFormat, Mesh, Node, NodeId, Primitive, Scene, Topology, VertexLayout,
 };

@@ -22,14 +22,17 @@ use crate::loader::LoadedState;
 impl RenderThread {
     /// Makes a state drawable. Gives the bytes of its scene.
     pub(super) fn finish(&mut self, state: Arc<LoadedState>) -> Result<u64, String> {
+        let start = Instant::now();
         let relayout = self.relayout.take();
         let manifest = |state: &LoadedState| state.scene.map(|scene| scene.manifest);
-        let latest = self.states.back().filter(|latest| match relayout {
-            Some(_) => manifest(&latest.state) == manifest(&state),
-            None => latest.state.scene == state.scene,
+        let is_built = self.building.is_some();
+        let is_laid_out = is_built || relayout.is_some();
+        let latest = self.states.back().filter(|latest| {
+            let is_it = latest.state.scene == state.scene;
+            is_it || (is_laid_out && manifest(&latest.state) == manifest(&state))
         });
-        let is_known = self.building.is_none()
-            && latest.is_some_and(|latest| latest.state.plans.keys().eq(state.plans.keys()));
+        let is_known =
+            latest.is_some_and(|latest| latest.state.plans.keys().eq(state.plans.keys()));
         let scene = if let Some(builder) = self.building.take() {
             let scene = builder.finish(&self.gpu).map_err(|error| error.to_string())?;
             Rc::new(scene)
@@ -45,6 +48,8 @@ impl RenderThread {
         } else {
             return Err("the scene could not be built; the server's log says why".to_owned());
         };
+        let scene_us = start.elapsed().as_micros() as u64;
+        tracing::debug!(scene_us, is_built, "the scene is on the GPU");
         let (scene, is_same_kind) = self.surrounded(&state, scene);
         self.arrange_windows(&state);
         let start = Instant::now();
@@ -55,7 +60,7 @@ impl RenderThread {
         // Another wall around the same scene, as tunings bring it many times a second.
         if !is_known || !is_same_kind || state.samples() != Some(self.renderer.samples()) {
             self.warm_up(&state, &scene, &correctors)?;
-        } else if relayout.is_some_and(|(_, moved)| moved.is_none()) {
+        } else if is_built || relayout.is_some_and(|(_, moved)| moved.is_none()) {
             // An edit may need a pipeline that the scene did not; what moves needs none.
             self.prepare(&state, &scene);
         }

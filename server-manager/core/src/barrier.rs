@@ -215,7 +215,8 @@ impl Cluster {
         // that moves is not, as it would hold up those who have warmed up long ago.
         let (length, longest) = self.frame_waits();
         let is_warming = !is_all_late && !is_warm;
-        let is_patient = capture && !order.as_ref().is_some_and(|order| order.is_preview);
+        let is_new = self.begins_part();
+        let is_patient = is_new || capture && !order.as_ref().is_some_and(|of| of.is_preview);
         let wait = if is_warming || is_catching_up || is_patient { longest } else { length };
         let patience = if is_all_late { longest } else { wait };
         self.pacer.frame_started(now, !waited.is_empty());
@@ -224,6 +225,7 @@ impl Cluster {
             self.collect(*job, &sent);
         }
         let detail = self.detail_bound();
+        self.note_places(&detail.densities);
         let error_px = detail.error_px;
         let reduction = self.rate_bound.in_force(&self.presentation.bounds);
         self.beginnings.add(now, reduction);
@@ -235,7 +237,7 @@ impl Cluster {
             digest: self.shown_digest,
             error_px,
             reduction,
-            is_untypical: is_cold || capture,
+            is_untypical: is_cold || capture || is_new,
             time_s,
             began: now,
             turn: now,

@@ -13,6 +13,7 @@ use polyptych_wall::ChannelId;
 
 use super::calibrate;
 use super::change_queue::{ChangeOrigin, InFlightChange, StateChange};
+use super::residency::PART_TIME_MAX;
 use super::scene_editing::EditWaiter;
 use super::{
     ClientRequest, Cluster, ImportedScene, ImportedSession, Micros, PlayedClips, SessionId,
@@ -110,7 +111,8 @@ impl Cluster {
                 replica.revision.0 += refused.0 - self.shown.revision.0;
             }
             let digest = replica.digest();
-            let expires = now + PREPARE_TIME_MAX;
+            let is_part = matches!(change.purpose, ChangeOrigin::Residency);
+            let expires = now + if is_part { PART_TIME_MAX } else { PREPARE_TIME_MAX };
             let (failed, told_percent) = (Vec::new(), None);
             let underway =
                 InFlightChange { change, replica, digest, expires, failed, told_percent };
@@ -173,16 +175,21 @@ impl Cluster {
     /// server could prepare it, a tuning where one could not.
     fn settle_change(&mut self, now: Micros) {
         let Some(underway) = self.changes.current.take() else { return };
+        let is_residency = matches!(underway.change.purpose, ChangeOrigin::Residency);
+        let is_overdue = is_residency && !self.is_settled(&underway);
         let InFlightChange { change, replica, digest, failed, .. } = underway;
         let has_one = self.registry.servers().any(|(_, s)| s.prepared == Some(replica.revision));
-        // A scene is worth more than a channel that cannot draw it; a tuning is not.
+        // A scene is worth more than a channel that cannot draw it; a tuning is not, nor detail.
         let is_tuning = matches!(change.purpose, ChangeOrigin::Tuning { .. });
-        if !failed.is_empty() && (!has_one || is_tuning) {
+        if is_overdue || !failed.is_empty() && (!has_one || is_tuning || is_residency) {
             let reasons: Vec<_> = failed.into_iter().map(|(_, reason)| reason).collect();
             let reason = format!("nothing has changed, since {}", reasons.join("; "));
             self.refuse(&change.purpose, &reason);
             if matches!(change.purpose, ChangeOrigin::Edit { .. }) {
                 self.refuse_waiting_edits(&reason);
+            }
+            if is_residency {
+                self.postpone_residency(now);
             }
             if is_tuning {
                 // They were made of the one that failed.
@@ -208,6 +215,7 @@ impl Cluster {
                 self.commit_calibration(now, *wall, tuners, &failed);
             }
             ChangeOrigin::Environment { job } => self.commit_environment(now, job, &failed),
+            ChangeOrigin::Residency => self.commit_residency(now, &failed),
         }
         self.end_temporary(now);
     }
@@ -262,6 +270,7 @@ impl Cluster {
             ChangeOrigin::Scene { job, .. } | ChangeOrigin::Environment { job } => vec![*job],
             ChangeOrigin::Tuning { tuners, .. } => tuners.iter().map(|tuner| tuner.job).collect(),
             ChangeOrigin::Edit { waiters } => waiters.iter().map(EditWaiter::job).collect(),
+            ChangeOrigin::Residency => Vec::new(),
         };
         for job in jobs {
             self.reply(job, Err(RequestError::new(reason)));

@@ -48,6 +48,8 @@ pub(super) enum ChangeOrigin {
     Tuning { wall: Box<Wall>, tuners: Vec<CalibrationWaiter> },
     /// Another environment; the scene stays.
     Environment { job: ClientRequest },
+    /// Another part of the scene is held. Nobody waits for it.
+    Residency,
 }
 
 impl StateChange {

@@ -79,6 +79,7 @@ impl Cluster {
             largest_error_px: unit_px * largest,
             limiting_channel: limiting.map(|channel| channel.name.clone()),
             resolution_scale: resolution_scale(barrier.reduction.resolution_steps()),
+            awaits_detail: self.awaits_detail(barrier.revision),
         }
     }
 

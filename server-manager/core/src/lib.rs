@@ -36,6 +36,7 @@ mod progress;
 mod rate_bound;
 mod reduction;
 mod registry;
+mod residency;
 mod rest;
 mod scene_editing;
 mod sessions;
@@ -91,8 +92,7 @@ pub type Micros = u64;
 )]
 pub struct SessionId(pub u64);
 
-/// Most requests of one client that wait for a frame: enough to keep a wall busy, too few to
-/// fill the manager's memory.
+/// Most requests of one client that wait for a frame: they keep a wall busy, and fill no memory.
 pub const FRAME_ORDERS_MAX: usize = 64;
 
 /// Longest reason of a server that is kept and passed on: it stands in every status.
@@ -219,8 +219,7 @@ pub struct Cluster {
     /// The presentation that the next frame has.
     presentation: Presentation,
     navigator: navigate::Navigator,
-    /// `true` if the wall has gone on from the state that another manager persisted, and no client
-    /// has asked for a frame yet.
+    /// The wall goes on from another manager's state, and no client has asked for a frame yet.
     is_going_on: bool,
     /// A frame that nobody has ordered, for channels that would see none otherwise.
     wants_frame: bool,
@@ -245,6 +244,8 @@ pub struct Cluster {
     auto_exposure: auto_exposure::AutoExposure,
     #[serde(default)]
     devices: devices::Devices,
+    #[serde(default)]
+    residency: residency::Residency,
     /// Pixel densities of the last views and head that frames were bounded for.
     #[serde(skip)]
     densities: Option<detail::Densities>,
@@ -304,6 +305,7 @@ impl Cluster {
             rate_bound: rate_bound::RateBound::default(),
             auto_exposure: auto_exposure::AutoExposure::default(),
             devices: devices::Devices::new(&wall),
+            residency: residency::Residency::default(),
             densities: None,
             drawn_error_px: [0.0; 2],
             gathered: StatisticsCollector::new(wall.channels.len()),
@@ -406,6 +408,7 @@ impl Cluster {
         self.end_temporary_at_last(now);
         self.update_rest(now);
         self.update_head_return(now);
+        self.update_residency(now);
         self.advance_frame(now);
     }
 
@@ -429,6 +432,7 @@ impl Cluster {
             self.next_temporary_end(),
             self.next_rest(),
             self.devices.next_head_place(),
+            self.next_residency(),
         ]
         .into_iter()
         .flatten()

@@ -152,6 +152,7 @@ impl Cluster {
             tracing::warn!(reason, "a part of the remembered state was left out");
         }
         cluster.restore_rest(memory.rest);
+        cluster.restore_places();
         // Frames of another life were shown; its displays say that their manager is lost.
         cluster.is_going_on = true;
         cluster.remembered = Some(cluster.persistent_state());

@@ -56,6 +56,9 @@ pub(super) struct ServerEntry {
     pub obsolete: Option<Revision>,
     pub memory_bytes: u64,
     pub scene_bytes: u64,
+    /// See [`polyptych_protocol::server_message::Prepared::detail_reach`].
+    #[serde(default)]
+    pub detail_reach: Option<f64>,
     /// The time at which it is sent again what it could not prepare.
     retry_at: Option<Micros>,
     /// Pauses since it began to fail, and when the last one began.
@@ -264,6 +267,7 @@ impl Registry {
             memory_bytes: 0,
             storage_warning: None,
             scene_bytes: 0,
+            detail_reach: None,
             retry_at: None,
             failures: 0,
             failed_at: 0,

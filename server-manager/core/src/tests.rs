@@ -16,6 +16,7 @@ mod pipelining;
 mod previews;
 mod progress;
 mod random;
+mod residency;
 mod rest;
 mod sessions;
 mod sight;
@@ -74,12 +75,20 @@ struct ClusterFixture {
     collects: Vec<Vec<ChannelId>>,
     closed: Vec<SessionId>,
     memories: Vec<PersistentState>,
+    /// What servers say of a scene; see [`Prepared::detail_reach`].
+    detail_reach: Option<f64>,
 }
 
 impl ClusterFixture {
     /// A wall with `channels` servers that are live, and one client.
     fn new(channels: u32) -> Self {
-        let mut stage = Self::empty(channels);
+        Self::live(wall(channels))
+    }
+
+    /// A wall whose servers are live, and one client.
+    fn live(wall: Wall) -> Self {
+        let channels = wall.channels.len() as u32;
+        let mut stage = Self::of(wall);
         for index in 0..channels {
             stage.join(SessionId(u64::from(index)), index).expect("joined");
         }
@@ -93,7 +102,11 @@ impl ClusterFixture {
     }
 
     fn empty(channels: u32) -> Self {
-        let mut cluster = Cluster::new(wall(channels), Epoch(7));
+        Self::of(wall(channels))
+    }
+
+    fn of(wall: Wall) -> Self {
+        let mut cluster = Cluster::new(wall, Epoch(7));
         cluster.set_navigable(true);
         cluster.handle_client(CLIENT, "test".into());
         Self {
@@ -112,6 +125,7 @@ impl ClusterFixture {
             collects: Vec::new(),
             closed: Vec::new(),
             memories: Vec::new(),
+            detail_reach: None,
         }
     }
 
@@ -213,6 +227,7 @@ impl ClusterFixture {
             digest: replica.digest(),
             features: Vec::new(),
             scene_bytes: 0,
+            detail_reach: self.detail_reach.filter(|_| replica.scene.is_some()),
         };
         self.digests.insert((session, replica.revision), prepared.digest);
         self.replicas.insert(session, replica);
@@ -576,20 +591,4 @@ fn a_wall_without_channels_neither_spins_nor_stops() {
     stage.wait(1_000_000);
     let frames = stage.cluster.frame.0;
     assert!((20..200).contains(&frames), "{frames} frames in a second");
-}
-
-#[test]
-fn bad_requests_are_answered_with_what_would_be_right() {
-    let mut stage = ClusterFixture::new(1);
-    let nan = Camera { scale: f64::NAN, ..Camera::IDENTITY };
-    stage.request(Request::SetCamera(nan));
-    stage.request(Request::Run(Pacing::Rate(f64::INFINITY)));
-    stage.request(Request::SetExposure(-1.0));
-    stage.request(Request::OpenScene { path: String::new(), scene: None });
-    stage.request(Request::OpenScene { path: "a.glb".into(), scene: Some("a".repeat(257)) });
-    stage.request(Request::SetHead(DVec3::new(0.0, 0.0, -5.0).into()));
-    stage.request(Request::SetBounds(QualityBounds { error_px: -1.0, rate_fps: None }));
-    stage.request(Request::SetBounds(QualityBounds { error_px: 1.0, rate_fps: Some(f64::NAN) }));
-    assert_eq!(stage.replies.len(), 8);
-    assert!(stage.replies.iter().all(|(_, reply)| reply.is_err()), "{:?}", stage.replies);
 }

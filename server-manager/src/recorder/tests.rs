@@ -116,6 +116,7 @@ impl RandomRun {
                     digest: replica.digest(),
                     features: Vec::new(),
                     scene_bytes: 0,
+                    detail_reach: None,
                 })
             }
             Command::Frame(frame) => ServerMessage::Drawn(FrameRendered {

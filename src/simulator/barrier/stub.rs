@@ -189,7 +189,7 @@ fn prepare_replica(prepare: Prepare, replica: &mut Replica) -> Prepared {
         prepare.operations.into_iter().for_each(|operation| replica.apply(operation));
     }
     let digest = replica.digest();
-    Prepared { epoch, revision, digest, features: Vec::new(), scene_bytes: 0 }
+    Prepared { epoch, revision, digest, features: Vec::new(), scene_bytes: 0, detail_reach: None }
 }
 
 fn drawn(frame: &Frame, index: u16, revision: Revision, digest: Digest) -> ServerMessage {

@@ -42,6 +42,7 @@ use polyptych_protocol::server_message::{
 use polyptych_protocol::state_log::{Operation, SceneRef};
 use polyptych_protocol::stored_view::StoredView;
 use polyptych_protocol::tour_status::TourStatus;
+use polyptych_scene::residency::SeenFrom;
 use polyptych_scene::{Attribute, Bounds, ClipTime, NodeId, Scene, SceneFeatures, SceneSubset};
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Edge, Offset};
 use polyptych_wall::camera::Camera;
@@ -143,6 +144,11 @@ fn commands() -> Vec<Command> {
         Operation::CloseScene,
         Operation::SetEdits(Box::new(scene_edits())),
         Operation::SetEnvironment(Some(environment())),
+        Operation::SetSeenFrom(vec![SeenFrom {
+            position: DVec3::new(1.0, 1.7, 4.0),
+            density: 1000.0,
+            is_parallel: false,
+        }]),
     ];
     let part = Area::Screen { screen: 0, rect: [10, 20, 100, 200] };
     let projection = ViewProjection::Orthographic { height_m: 50.0 };
@@ -196,8 +202,14 @@ fn statuses() -> Vec<ServerMessage> {
         draws_occluded: 40,
     };
     let features = vec!["blend".into(), "textures".into()];
-    let prepared =
-        Prepared { epoch: EPOCH, revision, digest: Digest(9), features, scene_bytes: 1000 };
+    let prepared = Prepared {
+        epoch: EPOCH,
+        revision,
+        digest: Digest(9),
+        features,
+        scene_bytes: 1000,
+        detail_reach: Some(2.5),
+    };
     vec![
         ServerMessage::Prepared(prepared),
         ServerMessage::PrepareFailed { epoch: EPOCH, revision, reason: "no room".into() },
@@ -357,6 +369,7 @@ fn feedback() -> FrameFeedback {
             largest_error_px: 0.25,
             limiting_channel: Some("a-1-1".into()),
             resolution_scale: 0.5,
+            awaits_detail: true,
         },
         channels: vec![channel; 3],
     }

@@ -97,6 +97,7 @@ proptest! {
         mut meshes in prop::collection::vec(random_mesh(), 1..8),
         sides in prop::collection::vec(0u32..11, 0..4),
         scales in prop::collection::vec(0.01..100.0f64, 8),
+        others in prop::collection::vec(0.01..100.0f64, 8),
         budgets in prop::collection::vec(0u64..1 << 20, 6),
     ) {
         for (at, mesh) in meshes.iter_mut().enumerate() {
@@ -125,10 +126,17 @@ proptest! {
             held.limit(&mut scene);
             prop_assert!(held.gpu_bytes <= budget && content_bytes(&scene) <= held.gpu_bytes);
             prop_assert_eq!(scene.meshes.iter().find_map(Mesh::cuts_fault), None);
+            // Seen from elsewhere: both parts together fit too, as a server holds them for a while.
+            let held_elsewhere = Residency::choose(&meshes, &textures, &others, budget);
+            let mut elsewhere = whole.clone();
+            held_elsewhere.expect("the same least").limit(&mut elsewhere);
+            scene.meshes.extend(elsewhere.meshes);
+            scene.textures.extend(elsewhere.textures);
+            prop_assert!(content_bytes(&scene) <= budget);
             if let Some(before) = before {
-                prop_assert!(held.levels.iter().zip(&before.levels).all(|(now, old)| now <= old));
-                prop_assert!(held.texture_levels_left_out <= before.texture_levels_left_out);
-                prop_assert!(held.error <= before.error);
+                let left_out = [&before, &held].map(|of| of.texture_levels_left_out);
+                prop_assert!(left_out[1] <= left_out[0]);
+                prop_assert!(left_out[1] < left_out[0] || held.error <= before.error);
             }
             before = Some(held);
         }
@@ -144,21 +152,22 @@ proptest! {
 fn the_mesh_with_the_largest_error_is_refined_first() {
     let meshes = [
         mesh(vec![primitive(1, 1000, &[(4, 0.5), (16, 2.0)])]),
-        mesh(vec![primitive(2, 1000, &[(4, 0.5), (16, 2.0)])]),
+        mesh(vec![primitive(2, 4000, &[(4, 0.5), (16, 2.0)])]),
         mesh(vec![primitive(3, 10, &[])]),
     ];
     let choose = |scales: [f64; 3], budget| Residency::choose(&meshes, &[], &scales, budget);
     let least = choose([1.0; 3], 0).unwrap_err().least;
     let one_step = 188 * (24 + 12);
-    assert_eq!(choose([1.0, 3.0, 1.0], least + one_step).unwrap().levels, [2, 1, 0]);
-    assert_eq!(choose([3.0, 1.0, 1.0], least + one_step).unwrap().levels, [1, 2, 0]);
-    let held = choose([3.0, 1.0, 1.0], least + one_step).unwrap();
+    // Twice the first step of the second mesh, but not of both.
+    let enough = least + 80_000;
+    assert_eq!(choose([1.0, 3.0, 1.0], enough).unwrap().levels, [2, 1, 0]);
+    assert_eq!(choose([3.0, 1.0, 1.0], enough).unwrap().levels, [1, 2, 0]);
+    let held = choose([3.0, 1.0, 1.0], enough).unwrap();
     let mut scene = Scene { meshes: meshes.to_vec(), ..Scene::default() };
     held.limit(&mut scene);
     assert_eq!((content_bytes(&scene), held.gpu_bytes), (least + one_step, least + one_step));
     // At 8 times the size the error is larger after a step than that of the other.
-    let two_steps = choose([8.0, 1.0, 1.0], least + one_step + 39_000);
-    assert_eq!(two_steps.unwrap().levels, [0, 2, 0]);
+    assert_eq!(choose([8.0, 1.0, 1.0], least + 110_000).unwrap().levels, [0, 2, 0]);
     // Meshes with bytes in common are held alike.
     let shared = [meshes[0].clone(), mesh(vec![meshes[0].primitives[0].clone()])];
     let held = Residency::choose(&shared, &[], &[1.0, 9.0], 40 * 1000).unwrap();
@@ -180,20 +189,74 @@ fn textures_give_up_their_largest_levels_before_they_take_half() {
     assert_eq!([halved.width, halved.height, halved.mip_count], [256, 128, 9]);
 }
 
+/// A place that sees in perspective, with 1,000 pixels per radian.
+fn eye(x: f64, y: f64, z: f64) -> SeenFrom {
+    SeenFrom { position: DVec3::new(x, y, z), density: 1000.0, is_parallel: false }
+}
+
+fn node(mesh: u32, local: DAffine3, parent: Option<u32>) -> Node {
+    Node { local, mesh: Some(mesh), parent, ..Node::default() }
+}
+
+/// A mesh between 0 and 1 along each axis.
+fn cube() -> Mesh {
+    mesh(vec![primitive(1, 100, &[(2, 0.5)])])
+}
+
 #[test]
-fn scales_are_those_of_the_largest_place() {
-    let node = |scale: f64, parent| Node {
-        local: DAffine3::from_scale(DVec3::splat(scale)),
-        mesh: Some(0),
-        parent,
-        ..Node::default()
-    };
-    let scene = Scene {
-        meshes: vec![mesh(Vec::new()), mesh(Vec::new())],
-        nodes: vec![node(2.0, None), node(0.5, None), node(3.0, Some(0))],
-        ..Scene::default()
-    };
-    let scales = mesh_scales(&scene);
-    assert!((scales[0] - 6.0 * 3.0_f64.sqrt()).abs() < 1e-12, "{scales:?}");
-    assert_eq!(scales[1], 1.0, "nothing draws it");
+fn without_a_place_weights_are_the_scales_of_the_largest_place() {
+    let scaled = |scale: f64| DAffine3::from_scale(DVec3::splat(scale));
+    let nodes =
+        vec![node(0, scaled(2.0), None), node(0, scaled(0.5), None), node(0, scaled(3.0), Some(0))];
+    let scene = Scene { meshes: vec![cube(), mesh(Vec::new())], nodes, ..Scene::default() };
+    let weights = MeshWeights::new(&scene, &[]);
+    // 6 × √3 = 10.4, rounded down; nothing draws the other.
+    assert_eq!(weights.each, [8.0, 1.0]);
+    assert_eq!(weights.reach, f64::INFINITY);
+}
+
+#[test]
+fn weights_are_pixels_at_the_nearest_point_of_the_nearest_copy() {
+    let at = |x: f64| DAffine3::from_translation(DVec3::new(x, 0.0, 0.0));
+    let nodes = vec![node(0, at(10.0), None), node(0, at(-50.0), None), node(1, at(100.0), None)];
+    let scene = Scene { meshes: vec![cube(), cube()], nodes, ..Scene::default() };
+    // √3 × 1000 / 10 = 173 and / 100 = 17.3.
+    let weights = MeshWeights::new(&scene, &[eye(0.0, 0.5, 0.5)]);
+    assert_eq!((&weights.each[..], weights.reach), (&[128.0, 16.0][..], 2.5));
+    // The nearest of several places counts; parallel rays see all alike, however far.
+    let parallel = SeenFrom { density: 20.0, is_parallel: true, ..eye(0.0, 0.0, 1e9) };
+    let weights = MeshWeights::new(&scene, &[eye(0.0, 0.5, 0.5), parallel]);
+    assert_eq!((&weights.each[..], weights.reach), (&[128.0, 32.0][..], 2.5));
+    assert_eq!(MeshWeights::new(&scene, &[parallel]).reach, f64::INFINITY);
+    // Inside of a mesh the eye is not at its surface.
+    let inside = MeshWeights::new(&scene, &[eye(10.5, 0.5, 0.5)]);
+    let nearest = 0.75_f64.sqrt() / 16.0;
+    assert_eq!((inside.each[0], inside.reach), (24576.0, nearest / 4.0));
+}
+
+#[test]
+fn weights_of_hard_numbers_are_finite() {
+    let far = DAffine3::from_translation(DVec3::splat(1e300));
+    let tiny = DAffine3::from_scale(DVec3::splat(1e-300));
+    let flat = DAffine3::from_scale(DVec3::ZERO);
+    let nodes = [far, tiny, flat].map(|local| node(0, local, None));
+    for of in nodes {
+        let scene = Scene { meshes: vec![cube()], nodes: vec![of], ..Scene::default() };
+        for places in [&[][..], &[eye(0.0, 0.0, 0.0)], &[eye(1e300, -1e300, 0.0)]] {
+            let weights = MeshWeights::new(&scene, places);
+            assert!(weights.each[0].is_finite() && weights.each[0] > 0.0, "{weights:?}");
+            assert!(weights.reach >= 0.0, "{weights:?}");
+        }
+    }
+}
+
+#[test]
+fn a_place_serves_another_within_its_reach_and_density() {
+    let here = eye(0.0, 0.0, 0.0);
+    assert!(here.is_near(&eye(0.0, 3.0, 0.0), 3.0) && !here.is_near(&eye(0.0, 3.1, 0.0), 3.0));
+    let denser = |factor: f64| SeenFrom { density: 1000.0 * factor, ..here };
+    assert!(here.is_near(&denser(1.4), 0.0) && !here.is_near(&denser(1.6), 0.0));
+    assert!(here.is_near(&denser(0.7), 0.0) && !here.is_near(&denser(0.6), 0.0));
+    assert!(!here.is_near(&SeenFrom { is_parallel: true, ..here }, 1.0));
+    assert!(!here.is_near(&eye(f64::NAN, 0.0, 0.0), 1.0), "no number is near nothing");
 }

@@ -65,6 +65,8 @@ pub struct SceneBuilder {
     geometries: Vec<Option<Geometry>>,
     /// Edges and vertices of some of them.
     outlines: Vec<Option<Geometry>>,
+    /// Bindings of all materials, where they are those of a scene that is there.
+    materials: Option<Arc<Vec<MaterialGroups>>>,
     levels_left_out: u32,
 }
 
@@ -90,7 +92,7 @@ impl SceneBuilder {
         let textures = (0..layout.textures.count).map(|_| None).collect();
         let geometries = (0..layout.geometries.count).map(|_| None).collect();
         let outlines = layout.outlines.iter().map(|_| None).collect();
-        Ok(Self { layout, textures, geometries, outlines, levels_left_out: 0 })
+        Ok(Self { layout, textures, geometries, outlines, materials: None, levels_left_out: 0 })
     }
 
     /// Leaves the largest levels of all textures out, where smaller ones remain: each takes a
@@ -109,6 +111,9 @@ impl SceneBuilder {
         self.geometries = geometries.map(|slot| Some(with.geometries[slot?].clone())).collect();
         let outlines = self.layout.shared_outlines(&with.layout).into_iter();
         self.outlines = outlines.map(|slot| Some(with.geometries[slot?].clone())).collect();
+        let is_same = self.layout.has_materials_of(&with.layout)
+            && self.layout.desc.textures == with.layout.desc.textures;
+        self.materials = is_same.then(|| Arc::clone(&with.materials));
         self
     }
 
@@ -225,7 +230,8 @@ impl SceneBuilder {
         let lamp_indices = index_buffer(gpu, &self.layout.lights.indices);
         // None is missing, so that each stays in its slot.
         let textures: Arc<Vec<_>> = Arc::new(self.textures.into_iter().flatten().collect());
-        let materials = Arc::new(materials(gpu, &self.layout, &textures));
+        let made = || Arc::new(materials(gpu, &self.layout, &textures));
+        let materials = self.materials.unwrap_or_else(made);
         for (of, outline) in self.layout.outlines.iter().zip(&mut self.outlines) {
             // Vertices are bent in the buffer that both read.
             let bent = self.geometries[of.slot].as_ref().and_then(|own| own.bent.clone());

@@ -24,7 +24,7 @@ impl ClusterFixture {
     }
 
     /// Time passes in which all servers give signs of life.
-    fn live_for(&mut self, micros: Micros) {
+    pub(super) fn live_for(&mut self, micros: Micros) {
         for _ in 0..micros / 1_000_000 {
             self.wait(1_000_000);
         }
@@ -118,7 +118,8 @@ fn a_server_that_prepares_wrong_states_is_asked_ever_more_rarely() {
             let (epoch, revision) = (prepare.epoch, prepare.revision);
             let features = Vec::new();
             let digest = Digest(9);
-            let lie = Prepared { epoch, revision, digest, features, scene_bytes: 0 };
+            let (scene_bytes, detail_reach) = (0, None);
+            let lie = Prepared { epoch, revision, digest, features, scene_bytes, detail_reach };
             stage.say(SessionId(1), ServerMessage::Prepared(lie));
         }
         stage.wait(10_000);
@@ -196,4 +197,20 @@ fn a_server_whose_gpu_was_lost_is_sent_the_shown_state_and_holds_up_nobody() {
         stage.draw(&[0, 1], 1_000);
     }
     assert_eq!(stage.state(1), ChannelState::Live);
+}
+
+#[test]
+fn bad_requests_are_answered_with_what_would_be_right() {
+    let mut stage = ClusterFixture::new(1);
+    let nan = Camera { scale: f64::NAN, ..Camera::IDENTITY };
+    stage.request(Request::SetCamera(nan));
+    stage.request(Request::Run(Pacing::Rate(f64::INFINITY)));
+    stage.request(Request::SetExposure(-1.0));
+    stage.request(Request::OpenScene { path: String::new(), scene: None });
+    stage.request(Request::OpenScene { path: "a.glb".into(), scene: Some("a".repeat(257)) });
+    stage.request(Request::SetHead(DVec3::new(0.0, 0.0, -5.0).into()));
+    stage.request(Request::SetBounds(QualityBounds { error_px: -1.0, rate_fps: None }));
+    stage.request(Request::SetBounds(QualityBounds { error_px: 1.0, rate_fps: Some(f64::NAN) }));
+    assert_eq!(stage.replies.len(), 8);
+    assert!(stage.replies.iter().all(|(_, reply)| reply.is_err()), "{:?}", stage.replies);
 }

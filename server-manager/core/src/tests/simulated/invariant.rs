@@ -236,7 +236,8 @@ impl InvariantChecker {
             | Operation::MoveBend { .. }
             | Operation::EditScene(_)
             | Operation::SetEdits(_)
-            | Operation::SetEnvironment(_) => None,
+            | Operation::SetEnvironment(_)
+            | Operation::SetSeenFrom(_) => None,
             Operation::SetWall(_) => prepare.base.is_none().then_some(None),
         });
         for session in to {

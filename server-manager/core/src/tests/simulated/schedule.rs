@@ -90,6 +90,7 @@ fn build(seed: u64, dice: &mut Rng) -> Simulation {
     // By the seed, so that older seeds of the others mean what they did.
     wall.sync.pipeline_depth = u32::from(seed % 8 >= 4);
     wall.sync.swap_lead_ms = if seed % 3 == 2 { 5 } else { 0 };
+    wall.budget.gpu_mib = (seed % 5 == 1).then_some(64);
     let clients = dice.below(4) as usize;
     Simulation::new(seed, wall, servers, clients)
 }

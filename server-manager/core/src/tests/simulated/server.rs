@@ -474,12 +474,15 @@ impl Simulation {
         server.is_loading = false;
         server.ready = Some((state.epoch, state.replica.clone()));
         server.ready_scene = state.replica.scene.as_ref().map(|scene| scene.manifest);
+        let budget = state.replica.wall.as_ref().and_then(|wall| wall.budget.gpu_mib);
         let prepared = Prepared {
             epoch: state.epoch,
             revision: state.revision(),
             digest: state.digest,
             features: Vec::new(),
             scene_bytes: 0,
+            // As if each wall with a budget held a part.
+            detail_reach: state.replica.scene.as_ref().and(budget).map(|_| 0.5),
         };
         self.watch.folded(state)?;
         self.report(index, ServerMessage::Prepared(prepared));

@@ -1,0 +1,192 @@
+//! The scene of a state, from its manifests to the render thread.
+
+use std::sync::Arc;
+
+use polyptych_protocol::state_log::{Replica, SceneRef};
+use polyptych_renderer::{ContentPlace, SceneLayout};
+use polyptych_scene::residency::{MeshWeights, SeenFrom};
+use polyptych_scene::{
+    AssetManifests, AssetSet, Motion, NodeTraits, PlacedNodes, Scene, SceneFeatures,
+};
+use polyptych_wall::MemoryBudget;
+use polyptych_wall::camera::Camera;
+
+use super::held_part::{self, HeldPart};
+use super::{Loader, LoaderLink, SceneVersion, Upload, moves};
+use crate::blob_sources::BlobOrder;
+use crate::frame_views;
+
+/// The scene that the render thread was given last.
+#[derive(Clone, Debug)]
+pub(super) struct ReadyScene {
+    pub version: SceneVersion,
+    /// The budgets that it was loaded within.
+    pub budget: MemoryBudget,
+    /// What its part was chosen by, and for which places; `None` if all of it is held.
+    pub weights: Option<MeshWeights>,
+    pub seen_from: Vec<SeenFrom>,
+    /// The scene of its file, without changes.
+    pub base: Arc<Scene>,
+    /// Manifests of what was added to it.
+    pub added: AssetManifests,
+    pub layout: Arc<SceneLayout>,
+    /// The nodes as they stand in the layout.
+    pub placed: Arc<PlacedNodes>,
+    pub motion: Option<Arc<Motion>>,
+    pub features: SceneFeatures,
+    pub warm_up: Camera,
+}
+
+impl Loader {
+    pub(super) fn load_scene(
+        &mut self,
+        scene: &SceneRef,
+        replica: &Replica,
+        line: &LoaderLink,
+    ) -> Result<ReadyScene, String> {
+        let version = SceneVersion { manifest: scene.manifest, edits: replica.edits.fingerprint() };
+        let budget = replica.wall.as_ref().map(|wall| wall.budget).unwrap_or_default();
+        let ready = self.ready_scene.clone();
+        let is_it = |of: &&ReadyScene| of.version.manifest == scene.manifest && of.budget == budget;
+        let before = ready.as_ref().filter(is_it);
+        let is_same = |of: &&ReadyScene| {
+            of.version == version && (of.weights.is_none() || of.seen_from == replica.seen_from)
+        };
+        if let Some(ready) = before.filter(is_same) {
+            return Ok(ready.clone());
+        }
+        let base = match before {
+            Some(ready) => Arc::clone(&ready.base),
+            None => Arc::new(self.manifest(scene.manifest, &scene.name, line)?),
+        };
+        let mut added = AssetManifests::new();
+        for AssetSet { manifest, .. } in replica.edits.assets() {
+            let known = before.and_then(|ready| ready.added.get(manifest)).cloned();
+            let read = || self.manifest(*manifest, "what was added", line).map(Arc::new);
+            added.insert(*manifest, known.map_or_else(read, Ok)?);
+        }
+        if let Some(before) = before
+            && let Some(kept) = self.kept_scene(before, version, &added, replica)?
+        {
+            return Ok(kept);
+        }
+        let seen_from = replica.seen_from.clone();
+        let (mut edited, ids) = replica.edits.apply_to(&base, &added);
+        let mut traits = replica.edits.traits(&edited.nodes, ids);
+        if let Some(fault) = edited.fault() {
+            return Err(format!("scene {} as it was edited: {fault}", scene.name));
+        }
+        let part = HeldPart::limit(&mut edited, &seen_from, budget)?;
+        self.sources.set_memory_warning(part.as_ref().and_then(|part| part.warning.clone()));
+        let features = SceneFeatures::from_scene(&edited);
+        let warm_up = frame_views::warm_up_camera(&edited);
+        let placed = PlacedNodes::new(&edited.nodes, traits.ids.clone(), replica.edits.clone());
+        let placed = Arc::new(placed);
+        let motion = Motion::new(&base, &placed, &replica.edits).map(Arc::new);
+        if let Some(motion) = &motion {
+            motion.add_traits(&mut traits);
+        }
+        let (layout, held) = (self.layout(edited, &traits, line)?, before.map(|of| &*of.layout));
+        let is_known = before.is_some_and(|before| before.added.keys().eq(added.keys()))
+            && held.is_some_and(|held| layout.shares_content_with(held));
+        let weights = part.as_ref().map(|part| part.weights.clone());
+        let ready = ReadyScene {
+            version,
+            budget,
+            weights,
+            seen_from,
+            base,
+            added,
+            layout,
+            placed,
+            motion,
+            features,
+            warm_up,
+        };
+        if is_known {
+            self.upload(Upload::Relayout { layout: Arc::clone(&ready.layout), moved: None })?;
+        } else {
+            self.upload_content(&ready, held, part.as_ref(), line)?;
+        }
+        Ok(ready)
+    }
+
+    /// The scene as it was laid out before, if no more of it has changed than where nodes stand;
+    /// `None` if it must be laid out anew.
+    fn kept_scene(
+        &self,
+        before: &ReadyScene,
+        version: SceneVersion,
+        added: &AssetManifests,
+        replica: &Replica,
+    ) -> Result<Option<ReadyScene>, String> {
+        // A part is chosen by where nodes stand and what sees them, all of a scene by nothing.
+        let weights = before.weights.as_ref().map(|_| {
+            let (edited, _) = replica.edits.apply_to(&before.base, added);
+            MeshWeights::new(&edited, &replica.seen_from)
+        });
+        let [chosen_by, now] = [&before.weights, &weights].map(|of| of.as_ref().map(|of| &of.each));
+        if chosen_by != now {
+            return Ok(None);
+        }
+        let seen_from = replica.seen_from.clone();
+        let kept = ReadyScene { weights, seen_from, ..before.clone() };
+        if before.version == version {
+            return Ok(Some(kept));
+        }
+        let Some(moved) = moves::moved_items(before, &replica.edits) else { return Ok(None) };
+        let (layout, moved) = (Arc::clone(&before.layout), Some(Arc::new(moved)));
+        self.upload(Upload::Relayout { layout, moved })?;
+        let motion = Motion::new(&before.base, &before.placed, &replica.edits).map(Arc::new);
+        Ok(Some(ReadyScene { version, motion, ..kept }))
+    }
+
+    /// Gives the render thread what of a scene it has not yet.
+    fn upload_content(
+        &self,
+        ready: &ReadyScene,
+        held: Option<&SceneLayout>,
+        part: Option<&HeldPart>,
+        line: &LoaderLink,
+    ) -> Result<(), String> {
+        let layout = &ready.layout;
+        let missing = layout.content_beyond(held);
+        self.upload(Upload::Begin { layout: Arc::clone(layout), shares: held.is_some() })?;
+        let order = BlobOrder { bulk: &line.bulk, check: &|| self.check(line) };
+        let host_bytes = ready.budget.host_bytes();
+        let wanted = missing.into_iter().map(|(hash, place)| {
+            let parts = part.and_then(|part| part.parts(layout.content(), &place));
+            (hash, parts, place)
+        });
+        self.sources.each(wanted, (&order, host_bytes), |place, parts| {
+            let bytes = held_part::joined(layout.content(), &place, parts);
+            let bytes = match host_bytes {
+                // Half is for what is fetched ahead.
+                Some(limit) => self.host_memory.count(bytes, limit / 2, order.check)?,
+                None => bytes,
+            };
+            self.upload(match place {
+                ContentPlace::Texture { index } => Upload::Texture { index, bytes },
+                ContentPlace::Primitive { mesh, primitive } => {
+                    Upload::Primitive { mesh, primitive, bytes }
+                }
+                ContentPlace::Deformer { mesh, primitive } => {
+                    Upload::Deformer { mesh, primitive, bytes }
+                }
+            })
+        })
+    }
+
+    fn layout(
+        &self,
+        scene: Scene,
+        traits: &NodeTraits,
+        line: &LoaderLink,
+    ) -> Result<Arc<SceneLayout>, String> {
+        let layout = SceneLayout::with_traits(scene, traits, &|| self.fault(line).is_some());
+        layout.map(Arc::new).map_err(|error| match self.fault(line) {
+            Some(fault) => fault.to_owned(),
+            None => error.to_string(),
+        })
+    }
+}

@@ -1,0 +1,156 @@
+//! The part of a scene that servers hold where all of it is more than their budget: it follows
+//! where the wall is seen from.
+//!
+//! Servers say how far an eye may move before another part serves better. Once it has, the place
+//! joins the replicated state as any change does, so that a finer level is drawn only when every
+//! server has it, and until then all is drawn as before.
+
+use polyptych_protocol::ids::Revision;
+use polyptych_protocol::state_log::Operation;
+use polyptych_scene::residency::SeenFrom;
+use polyptych_wall::view::ViewProjection;
+use serde::{Deserialize, Serialize};
+
+use super::change_queue::ChangeOrigin;
+use super::{Cluster, Micros, SessionId, StateChange};
+
+/// Minimum time between two parts.
+const CHANGE_PERIOD: Micros = 500_000;
+
+/// Minimum time between two parts as a multiple of the time that servers took for the last: a camera
+/// that flies past everything leaves them the rest for frames.
+const CHANGE_FACTOR: Micros = 4;
+
+/// Time after which a part is asked for again that servers could not get ready.
+const RETRY_PERIOD: Micros = 10_000_000;
+
+/// Maximum time for which another part is waited for: others wait behind it, and there is a part.
+pub(super) const PART_TIME_MAX: Micros = 10_000_000;
+
+/// What frames are seen from, and when servers are told.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Residency {
+    /// The places that the last frame was seen from; none where no budget limits what is held.
+    places: Vec<SeenFrom>,
+    /// The last part was asked for.
+    asked_at: Micros,
+    /// No other part is asked for before.
+    not_before: Micros,
+    /// No frame of the part that is held has begun.
+    is_new: bool,
+}
+
+impl Cluster {
+    /// The places that frames are seen from; none where the wall has no budget of GPU memory.
+    /// `densities` are those of the views; a view that no channel shows has none.
+    pub(super) fn seen_places(&self, densities: &[f64]) -> Vec<SeenFrom> {
+        let views = self.presentation.all_views().into_iter().zip(densities);
+        let is_limited = self.wall.budget.gpu_mib.is_some() && self.shown.scene.is_some();
+        let shown = views.filter(|(_, density)| is_limited && **density > 0.0);
+        let place = |(view, &density): (polyptych_wall::view::View, &f64)| {
+            let camera = &view.camera;
+            match view.projection {
+                ViewProjection::Wall => {
+                    let position = camera.world_from_display(self.presentation.head.position);
+                    SeenFrom { position, density, is_parallel: false }
+                }
+                ViewProjection::Perspective { .. } => {
+                    SeenFrom { position: camera.position, density, is_parallel: false }
+                }
+                ViewProjection::Orthographic { .. } => SeenFrom {
+                    position: camera.position,
+                    density: density / camera.scale,
+                    is_parallel: true,
+                },
+            }
+        };
+        shown.map(place).collect()
+    }
+
+    /// The frame that begins is seen with these densities.
+    pub(super) fn note_places(&mut self, densities: &[f64]) {
+        self.residency.places = self.seen_places(densities);
+    }
+
+    /// Returns whether a frame of this revision has less detail than the same will have, as another
+    /// part is about to come, or has come since.
+    pub(super) fn awaits_detail(&self, drawn: Revision) -> bool {
+        self.detail_reach().is_some()
+            && (drawn != self.shown.revision || self.is_choosing_part() || !self.is_served())
+    }
+
+    /// Returns whether the frame that begins is the first of another part: shadows are drawn anew.
+    pub(super) fn begins_part(&mut self) -> bool {
+        std::mem::take(&mut self.residency.is_new)
+    }
+
+    /// Returns the time at which servers are told of other places, if they are to be.
+    pub(super) fn next_residency(&self) -> Option<Micros> {
+        let _ = self.detail_reach()?;
+        let has_room = self.changes.expect_room().is_ok();
+        let is_due = has_room && !self.is_choosing_part() && !self.is_served();
+        is_due.then_some(self.residency.not_before)
+    }
+
+    /// Tells servers where the wall is seen from, if that is due.
+    pub(super) fn update_residency(&mut self, now: Micros) {
+        if self.next_residency().is_none_or(|at| now < at) {
+            return;
+        }
+        self.residency.asked_at = now;
+        let operations = vec![Operation::SetSeenFrom(self.residency.places.clone())];
+        self.request_change(now, StateChange { operations, purpose: ChangeOrigin::Residency });
+    }
+
+    /// The state that frames name has another part of the scene.
+    pub(super) fn commit_residency(&mut self, now: Micros, failed: &[(SessionId, String)]) {
+        let taken = now.saturating_sub(self.residency.asked_at);
+        self.residency.is_new = true;
+        self.residency.not_before = now + CHANGE_PERIOD.max(taken.saturating_mul(CHANGE_FACTOR));
+        self.demote_unprepared(now, failed);
+        // A wall that is paused shows it too.
+        self.wants_frame |= !self.pacer.is_soon(now);
+    }
+
+    /// The part that served the last places of another life of the manager is held again.
+    pub(super) fn restore_places(&mut self) {
+        let detail = self.detail_bound();
+        let places = self.seen_places(&detail.densities);
+        if !places.is_empty() {
+            let revision = self.shown.revision;
+            self.shown.apply(Operation::SetSeenFrom(places));
+            self.shown.revision = revision;
+            self.shown_digest = self.shown.digest();
+        }
+    }
+
+    /// Servers could not get another part ready; they go on with the one that they have.
+    pub(super) fn postpone_residency(&mut self, now: Micros) {
+        self.residency.not_before = now + RETRY_PERIOD;
+    }
+
+    /// Returns whether another part is on its way, or waits for its turn.
+    fn is_choosing_part(&self) -> bool {
+        let mut changes = self.changes.queued().chain(self.changes.current());
+        changes.any(|change| matches!(change.purpose, ChangeOrigin::Residency))
+    }
+
+    /// Returns whether the part that is held serves the places of the last frame.
+    fn is_served(&self) -> bool {
+        let (places, held) = (&self.residency.places, &self.shown.seen_from);
+        let reach = self.detail_reach().unwrap_or(f64::INFINITY);
+        let mut pairs = places.iter().zip(held);
+        places.is_empty()
+            || (places.len() == held.len() && pairs.all(|(place, of)| place.is_near(of, reach)))
+    }
+
+    /// The distance by which places may move, as the servers of the shown state say; `None` where
+    /// they hold all of the scene.
+    fn detail_reach(&self) -> Option<f64> {
+        let servers = self.registry.servers().map(|(_, server)| server);
+        let holders = servers.filter(|server| server.prepared == Some(self.shown.revision));
+        let reach = holders.filter_map(|server| server.detail_reach).reduce(f64::min)?;
+        // A server may say what it wants.
+        Some(reach.max(0.0))
+    }
+}

@@ -1,0 +1,224 @@
+//! What servers hold of a scene follows where it is seen from, in one frame for all.
+
+use polyptych_protocol::state_log::Operation;
+use polyptych_scene::residency::SeenFrom;
+
+use super::*;
+
+/// Metres by which an eye may move.
+const REACH: f64 = 2.0;
+
+fn limited(channels: u32) -> Wall {
+    let mut wall = wall(channels);
+    wall.budget.gpu_mib = Some(8);
+    wall
+}
+
+fn at(x: f64) -> Camera {
+    Camera { position: DVec3::X * x, ..Camera::IDENTITY }
+}
+
+impl ClusterFixture {
+    /// A wall with two servers that hold a part of a scene.
+    fn limited() -> Self {
+        let mut stage = Self::live(limited(2));
+        stage.detail_reach = Some(REACH);
+        stage.open_town();
+        stage
+    }
+
+    fn open_town(&mut self) {
+        self.request(Request::OpenScene { path: "town.glb".into(), scene: None });
+        let job = *self.imports.last().expect("an import");
+        self.cluster.handle_import(self.now, job, Ok(Self::imported()));
+        self.read();
+        self.prepare_all();
+        self.clear();
+    }
+
+    /// The wall shows a frame from here. Returns whether it waits for detail.
+    fn look(&mut self, camera: Camera) -> bool {
+        self.request(Request::SetCamera(camera));
+        self.replies.clear();
+        self.order_frame();
+        // One that nobody ordered may come before.
+        for _ in 0..3 {
+            if self.replies.is_empty() {
+                self.draw(&[0, 1], 1_000);
+            }
+        }
+        match self.replies.pop() {
+            Some((_, Ok(Response::Frame(feedback)))) => feedback.detail.awaits_detail,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// The places that servers were told of since, by the one change on its way.
+    fn told(&self) -> Vec<SeenFrom> {
+        let [(_, first), (_, second)] = &self.prepares[..] else { panic!("{:?}", self.prepares) };
+        assert_eq!(first, second);
+        match &first.operations[..] {
+            [Operation::SetSeenFrom(places)] => places.clone(),
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+#[test]
+fn all_servers_get_what_serves_the_camera_before_a_frame_shows_it() {
+    let mut stage = ClusterFixture::limited();
+    let before = stage.cluster.shown.revision;
+    assert!(stage.look(at(10.0)), "nothing is known of where it is seen from");
+    let places = stage.told();
+    let eye = at(10.0).position + stage.cluster.presentation.head.position;
+    let density = places[0].density;
+    assert_eq!(places, [SeenFrom { position: eye, density, is_parallel: false }]);
+    assert!(density > 10.0, "{density}");
+    stage.prepare(SessionId(0));
+    assert!(stage.look(at(10.0)));
+    assert!(stage.frames.iter().all(|(_, frame)| frame.revision == before), "as before");
+    stage.frames.clear();
+    stage.prepare(SessionId(1));
+    // A wall that is paused shows it too.
+    stage.wait(1_000);
+    assert_eq!(stage.frames.len(), 2, "{:?}", stage.frames);
+    assert!(stage.frames.iter().all(|(_, frame)| frame.revision.0 == before.0 + 1));
+    // The first frame of a part draws shadows anew, and has time for it.
+    stage.draw(&[0, 1], 1_500_000);
+    assert_eq!([0, 1].map(|index| stage.state(index)), [ChannelState::Live; 2]);
+    assert!(!stage.look(at(10.0)), "it is there");
+    assert_eq!(stage.state(0), ChannelState::Live);
+    // A step within the reach changes nothing, however long it lasts.
+    assert!(!stage.look(at(11.9)));
+    stage.live_for(2_000_000);
+    assert!(stage.prepares.is_empty());
+    // Beyond it another part comes, but not sooner than half a second after the last.
+    assert!(stage.look(at(12.1)));
+    assert_eq!(stage.told()[0].position.x, 12.1);
+    stage.prepare_all();
+    stage.wait(1_000);
+    stage.draw(&[0, 1], 1_000);
+    assert!(stage.look(at(20.0)));
+    assert!(stage.prepares.is_empty());
+    stage.wait(400_000);
+    assert!(stage.prepares.is_empty());
+    stage.wait(100_000);
+    assert_eq!(stage.told()[0].position.x, 20.0);
+}
+
+#[test]
+fn every_view_counts_and_parallel_rays_have_no_place() {
+    let mut stage = ClusterFixture::limited();
+    let area = polyptych_wall::view::Area::Wall;
+    let view = |projection| polyptych_wall::view::View {
+        area,
+        projection,
+        ..polyptych_wall::view::View::of_wall(at(5.0))
+    };
+    let height_m = 4.0;
+    let views = vec![
+        view(polyptych_wall::view::ViewProjection::Perspective { fov_y_rad: 1.0 }),
+        view(polyptych_wall::view::ViewProjection::Orthographic { height_m }),
+    ];
+    stage.request(Request::SetViews(views));
+    stage.look(at(0.0));
+    let places = stage.told();
+    assert_eq!(places.len(), 3);
+    assert_eq!(places[1].position, DVec3::X * 5.0);
+    assert_eq!(places.iter().map(|of| of.is_parallel).collect::<Vec<_>>(), [false, false, true]);
+    assert!((places[2].density - 64.0 / height_m).abs() < 1e-9, "{}", places[2].density);
+}
+
+#[test]
+fn a_part_that_a_server_cannot_get_leaves_the_wall_as_it_was_and_is_tried_again() {
+    let mut stage = ClusterFixture::limited();
+    let before = stage.cluster.shown.clone();
+    stage.look(at(10.0));
+    let (_, refused) = stage.prepares[1].clone();
+    stage.prepare(SessionId(0));
+    stage.prepares.clear();
+    stage.say(
+        SessionId(1),
+        ServerMessage::PrepareFailed {
+            epoch: Epoch(7),
+            revision: refused.revision,
+            reason: "the store is gone".into(),
+        },
+    );
+    assert_eq!(stage.cluster.shown, before);
+    for channel in [0, 1] {
+        assert_eq!(stage.state(channel), ChannelState::Live);
+    }
+    stage.wait(1_000);
+    stage.draw(&[0, 1], 1_000);
+    stage.look(at(10.0));
+    stage.live_for(9_000_000);
+    assert!(stage.prepares.is_empty(), "{:?}", stage.prepares);
+    stage.live_for(1_100_000);
+    assert_eq!(stage.prepares.len(), 2);
+    stage.prepares.retain(|(_, prepare)| prepare.revision > refused.revision);
+    assert_eq!(stage.prepares.len(), 2, "another number than that of the refused one");
+    stage.prepare_all();
+    assert_eq!(stage.cluster.shown.seen_from.len(), 1);
+}
+
+#[test]
+fn a_part_that_takes_for_ever_is_given_up_and_does_not_hold_others() {
+    let mut stage = ClusterFixture::limited();
+    let before = stage.cluster.shown.clone();
+    stage.look(at(10.0));
+    let id = stage.request(Request::CloseScene);
+    stage.prepare(SessionId(0));
+    stage.live_for(9_000_000);
+    assert!(!stage.replies.iter().any(|(of, _)| *of == id));
+    stage.live_for(1_100_000);
+    assert_eq!(stage.cluster.shown, before, "no channel is left behind for it");
+    assert_eq!([0, 1].map(|index| stage.state(index)), [ChannelState::Live; 2]);
+    // The slow one has to answer, and is told of what was asked for since.
+    stage.prepare_all();
+    assert!(stage.replies.contains(&(id, Ok(Response::Done))), "{:?}", stage.replies);
+    assert!(stage.cluster.shown.scene.is_none() && stage.cluster.shown.seen_from.is_empty());
+    stage.clear();
+    assert!(!stage.look(at(30.0)), "nothing is held");
+    stage.live_for(5_000_000);
+    assert!(stage.prepares.is_empty());
+}
+
+#[test]
+fn servers_that_hold_all_are_told_nothing() {
+    for (wall, reach) in [(limited(2), None), (wall(2), Some(REACH))] {
+        let mut stage = ClusterFixture::live(wall);
+        stage.detail_reach = reach;
+        stage.open_town();
+        assert!(!stage.look(at(10.0)));
+        stage.live_for(5_000_000);
+        assert!(stage.prepares.is_empty());
+    }
+}
+
+#[test]
+fn a_reach_that_lies_costs_one_change_in_half_a_second() {
+    for reach in [f64::NAN, -1.0, 0.0] {
+        let mut stage = ClusterFixture::limited();
+        stage.detail_reach = Some(reach);
+        let mut changes = 0;
+        for step in 0..100 {
+            stage.look(at(f64::from(step) * 0.01));
+            stage.wait(19_000);
+            changes += stage.prepares.len();
+            stage.prepare_all();
+        }
+        assert!((6..=10).contains(&changes), "{changes} of two servers within two seconds");
+    }
+}
+
+#[test]
+fn a_restored_wall_begins_with_the_part_of_its_camera() {
+    let mut stage = ClusterFixture::limited();
+    stage.look(at(10.0));
+    let memory = stage.memories.last().expect("remembered").clone();
+    let restored = Cluster::restore(limited(2), Epoch(8), &memory);
+    assert_eq!(restored.shown.seen_from[0].position.x, 10.0);
+    assert_eq!(restored.shown.digest(), restored.shown_digest);
+    assert_eq!(restored.shown.revision, memory.revision);
+}
