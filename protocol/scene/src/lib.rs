@@ -167,6 +167,12 @@ impl Light {
     pub fn casts_shadows(&self) -> bool {
         self.color * self.intensity != Vec3::ZERO
     }
+
+    /// The distance in world units at which it ends. A range of 0 or less is no range: the schema
+    /// asks for more than 0.
+    pub fn finite_range(&self) -> Option<f32> {
+        self.range.filter(|range| *range > 0.0 && range.is_finite())
+    }
 }
 
 /// The three kinds of `KHR_lights_punctual`.
@@ -277,7 +283,7 @@ impl Scene {
                 return Some(format!("node {i} has a transform that is not finite"));
             }
         }
-        if let Some(fault) = expansion_fault(&self.nodes, self.draws()) {
+        if let Some(fault) = expansion_fault(&self.nodes, &self.lights, self.draws()) {
             return Some(fault);
         }
         if let Some(fault) = node_extras::fault(&self.extras, self.nodes.len()) {
@@ -359,18 +365,28 @@ pub fn draws(nodes: &[Node], primitives_of: impl Fn(u32) -> u64) -> u64 {
     nodes.iter().map(of_node).fold(0, u64::saturating_add)
 }
 
+/// Returns the number of nodes whose light has no range, and shines on everything.
+pub(crate) fn endless_lights(nodes: &[Node], lights: &[Light]) -> u64 {
+    let is_endless = |node: &&Node| {
+        let light = node.light.and_then(|light| lights.get(light as usize));
+        light.is_some_and(|light| light.finite_range().is_none())
+    };
+    nodes.iter().filter(is_endless).count() as u64
+}
+
 /// Returns why a scene of so many draws is too large to be held or prepared; `None` if it is not.
-pub fn expansion_fault(nodes: &[Node], draws: u64) -> Option<String> {
+pub fn expansion_fault(nodes: &[Node], lights: &[Light], draws: u64) -> Option<String> {
     if draws > DRAWS_MAX {
         return Some(format!(
             "{} nodes draw {draws} primitives in all, where {DRAWS_MAX} can be drawn",
             nodes.iter().filter(|node| node.mesh.is_some()).count()
         ));
     }
-    let lights = nodes.iter().filter(|node| node.light.is_some()).count() as u64;
+    let lights = endless_lights(nodes, lights);
     (draws.saturating_mul(lights) > LIT_DRAWS_MAX).then(|| {
         format!(
-            "{lights} lights shine on {draws} primitives, where the product can be {LIT_DRAWS_MAX}"
+            "{lights} lights without a range shine on {draws} primitives, where the product can be \
+             {LIT_DRAWS_MAX}"
         )
     })
 }
@@ -433,5 +449,10 @@ mod tests {
         assert_eq!(lit.fault(), None);
         lit.nodes.iter_mut().for_each(|node| node.light = Some(0));
         assert!(lit.fault().is_some_and(|fault| fault.contains("100000 lights")), "10 G pairs");
+        // What reaches little is not tested against all.
+        lit.lights[0].range = Some(10.0);
+        assert_eq!(lit.fault(), None);
+        lit.lights[0].range = Some(0.0);
+        assert!(lit.fault().is_some(), "no range");
     }
 }

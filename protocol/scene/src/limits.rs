@@ -9,8 +9,8 @@ pub const MANIFEST_BYTES_MAX: usize = 512 << 20;
 /// while it stands elsewhere, and at most 360 more while it is on screen: 1.4 GiB in all.
 pub const DRAWS_MAX: u64 = 2 << 20;
 
-/// Maximum product of the draws and the lights of a scene: each pair is tested once when a scene is
-/// prepared, in about 2 ns.
+/// Maximum number of pairs of a draw and a light whose range may reach it: each is tested when a
+/// scene is prepared, in about 2 ns.
 pub const LIT_DRAWS_MAX: u64 = 8 << 30;
 
 /// Longest side of a texture; what the weakest supported driver can hold.

@@ -13,7 +13,7 @@ use crate::limits::{
 };
 use crate::node_edits::NodeEdits;
 use crate::scene_edits::SceneEdits;
-use crate::{Material, Scene, find_variant};
+use crate::{Material, Scene, endless_lights, find_variant};
 
 mod values;
 
@@ -29,7 +29,7 @@ pub struct SceneOutline {
     meshes: Vec<u32>,
     materials: u32,
     textures: u32,
-    /// Nodes with a light.
+    /// Nodes with a light that has no range.
     lights: u64,
     /// Primitives, each in every place.
     draws: u64,
@@ -97,7 +97,7 @@ impl From<&Scene> for SceneOutline {
             meshes: scene.meshes.iter().map(|mesh| mesh.primitives.len() as u32).collect(),
             materials: scene.materials.len() as u32,
             textures: scene.textures.len() as u32,
-            lights: scene.nodes.iter().filter(|node| node.light.is_some()).count() as u64,
+            lights: endless_lights(&scene.nodes, &scene.lights),
             draws: scene.draws(),
             variants: scene.variants.iter().map(|of| of.name.clone()).collect(),
         }
@@ -286,11 +286,9 @@ impl SceneOutline {
             let mesh = of.mesh.unwrap_or(made.and_then(|new| new.mesh));
             let primitives = mesh.and_then(|mesh| self.primitives(edits, mesh));
             draws = draws.saturating_add(primitives.unwrap_or(0).into());
-            let has_light = match &of.light {
-                Some(light) => light.is_some(),
-                None => made.is_some_and(|new| new.light.is_some()),
-            };
-            lights += u64::from(has_light);
+            let made_with = || made.and_then(|new| new.light.as_ref());
+            let light = of.light.as_ref().map_or_else(made_with, Option::as_ref);
+            lights += u64::from(light.is_some_and(|light| light.finite_range().is_none()));
         }
         if draws > DRAWS_MAX {
             return Err(EditError::TooLarge(format!(
@@ -299,8 +297,8 @@ impl SceneOutline {
         }
         if draws.saturating_mul(lights) > LIT_DRAWS_MAX {
             return Err(EditError::TooLarge(format!(
-                "{lights} lights would shine on {draws} primitives, where the product can be \
-                 {LIT_DRAWS_MAX}"
+                "{lights} lights without a range would shine on {draws} primitives, where the \
+                 product can be {LIT_DRAWS_MAX}"
             )));
         }
         Ok(())

@@ -199,7 +199,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
             "0201fb2c01090107",
         ),
         (encode(&Command::Pong(Pong { sent_us: 1, received_us: 2, answered_us: 3 })), "03010203"),
-        (encode(&ServerMessage::Prepared(prepared)), "000102030105626c656e64fbe803"),
+        (encode(&ServerMessage::Prepared(prepared)), "000102030105626c656e64fbe80300"),
         (
             encode(&ServerMessage::Drawn(drawn())),
             "0201fb2c010302fdfffffffffffffffffb204efca0860100060000000028",
@@ -312,7 +312,7 @@ fn a_length_that_lies_allocates_nothing() {
         detail_reach: None,
     }))
     .to_vec();
-    let at = bytes.len() - 2;
+    let at = bytes.len() - 3;
     bytes.splice(at..=at, [0xfd, 0, 0, 0, 0, 0, 0, 0, 0x10]);
     assert!(decode::<ServerMessage>(&bytes).is_err());
     assert!(

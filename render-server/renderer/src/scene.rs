@@ -10,6 +10,7 @@ mod geometry;
 mod identity;
 mod items_by_batch;
 mod lamp_grid;
+mod lamp_search;
 mod layout;
 mod light;
 mod material;

@@ -70,7 +70,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::Vec3;
 use polyptych_files::blob::{BLOB_BYTES_MAX, BlobHash, BlobStore};
 use polyptych_scene::limits::MANIFEST_BYTES_MAX;
-use polyptych_scene::{self, EXPOSURE_NOTE, Mesh, Node, Scene};
+use polyptych_scene::{self, EXPOSURE_NOTE, Light, Mesh, Node, Scene};
 use serde::{Deserialize, Serialize};
 
 pub use bake_cache::BakeCache;
@@ -325,7 +325,8 @@ impl BakeJob<'_> {
             let mesh = used.and_then(|used| json.get(used.mesh as usize));
             mesh.map_or(0, |mesh| mesh.primitives.len() as u64)
         };
-        check_expansion(&scene.nodes, polyptych_scene::draws(&scene.nodes, primitives))?;
+        let draws = polyptych_scene::draws(&scene.nodes, primitives);
+        check_expansion(&scene.nodes, &[], draws)?;
         let mut palette = Palette::default();
         let borders = SharedBorders::find(self, &meshes, &scene.nodes, &world)?;
         let mut replaced = ReplacedMaterials::default();
@@ -336,8 +337,6 @@ impl BakeJob<'_> {
         self.check_anything_is_drawn(&scene.meshes)?;
         let mesh_of: BTreeMap<u32, u32> = scales.keys().copied().zip(0..).collect();
         renumber(&mut scene.nodes, |node| &mut node.mesh, &mesh_of);
-        // Again, since large primitives were split.
-        check_expansion(&scene.nodes, scene.draws())?;
 
         let used = scene.nodes.iter().filter_map(|node| node.light);
         let light_of: BTreeMap<u32, u32> = used.map(|light| (light, 0)).collect();
@@ -345,6 +344,8 @@ impl BakeJob<'_> {
         let lights = light_of.keys().map(|&light| light::convert(self, light));
         scene.lights = lights.collect::<Result<_, _>>()?;
         renumber(&mut scene.nodes, |node| &mut node.light, &light_of);
+        // Again, since large primitives were split, and with lights.
+        check_expansion(&scene.nodes, &scene.lights, scene.draws())?;
         light::note_without_shadows(self, &scene);
         let parts = animated_property::SceneParts {
             place_of: &place_of,
@@ -439,9 +440,9 @@ impl BakeJob<'_> {
 /// Refuses a scene that render servers could not hold; see [`limits::DRAWS_MAX`].
 ///
 /// [`limits::DRAWS_MAX`]: polyptych_scene::limits::DRAWS_MAX
-fn check_expansion(nodes: &[Node], draws: u64) -> Result<(), BakeError> {
-    let right = "join primitives of one material, or draw fewer copies with fewer lights";
-    let fault = polyptych_scene::expansion_fault(nodes, draws);
+fn check_expansion(nodes: &[Node], lights: &[Light], draws: u64) -> Result<(), BakeError> {
+    let right = "join primitives of one material, draw fewer copies, or give lights a range";
+    let fault = polyptych_scene::expansion_fault(nodes, lights, draws);
     fault.map_or(Ok(()), |fault| Err(BakeError::at("nodes", fault, right)))
 }
 

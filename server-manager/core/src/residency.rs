@@ -17,8 +17,8 @@ use super::{Cluster, Micros, SessionId, StateChange};
 /// Minimum time between two parts.
 const CHANGE_PERIOD: Micros = 500_000;
 
-/// Minimum time between two parts as a multiple of the time that servers took for the last: a camera
-/// that flies past everything leaves them the rest for frames.
+/// Minimum time between two parts as a multiple of the time that servers took for the last: where a
+/// camera flies past everything, they have the rest for frames.
 const CHANGE_FACTOR: Micros = 4;
 
 /// Time after which a part is asked for again that servers could not get ready.

@@ -137,6 +137,7 @@ fn scene_ref() -> SceneRef {
 }
 
 fn commands() -> Vec<Command> {
+    let place = SeenFrom { position: DVec3::X, density: 1000.0, is_parallel: false };
     let operations = vec![
         Operation::SetWall(Box::new(wall())),
         Operation::OpenScene(scene_ref()),
@@ -144,11 +145,7 @@ fn commands() -> Vec<Command> {
         Operation::CloseScene,
         Operation::SetEdits(Box::new(scene_edits())),
         Operation::SetEnvironment(Some(environment())),
-        Operation::SetSeenFrom(vec![SeenFrom {
-            position: DVec3::new(1.0, 1.7, 4.0),
-            density: 1000.0,
-            is_parallel: false,
-        }]),
+        Operation::SetSeenFrom(vec![place]),
     ];
     let part = Area::Screen { screen: 0, rect: [10, 20, 100, 200] };
     let projection = ViewProjection::Orthographic { height_m: 50.0 };
@@ -201,15 +198,9 @@ fn statuses() -> Vec<ServerMessage> {
         error_fraction: 0.0,
         draws_occluded: 40,
     };
-    let features = vec!["blend".into(), "textures".into()];
-    let prepared = Prepared {
-        epoch: EPOCH,
-        revision,
-        digest: Digest(9),
-        features,
-        scene_bytes: 1000,
-        detail_reach: Some(2.5),
-    };
+    let (features, scene_bytes, detail_reach) = (vec!["blend".into()], 1000, Some(2.5));
+    let prepared =
+        Prepared { epoch: EPOCH, revision, digest: Digest(9), features, scene_bytes, detail_reach };
     vec![
         ServerMessage::Prepared(prepared),
         ServerMessage::PrepareFailed { epoch: EPOCH, revision, reason: "no room".into() },

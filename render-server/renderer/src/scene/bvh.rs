@@ -12,6 +12,9 @@ const LEAF_ITEMS: usize = 4;
 /// milliseconds.
 const ITEMS_BETWEEN_CHECKS: usize = 1 << 14;
 
+/// Error of the middle and the half of a box, relative to its coordinates: some roundings.
+const ROUNDING: f64 = 1e-15 * 8.0;
+
 /// A binary tree; the left child of node `i` is node `i + 1`.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Bvh {
@@ -68,6 +71,33 @@ impl Bvh {
             } else {
                 open.push((node.right, mask));
                 open.push((index + 1, mask));
+            }
+        }
+    }
+}
+
+impl Bvh {
+    /// Appends the items whose box meets this one, in no particular order. Never leaves one out
+    /// that does.
+    pub fn meeting(&self, bounds: &Bounds, found: &mut Vec<u32>) {
+        let (center, half) = (bounds.center(), bounds.half());
+        let meets = |of: DVec3, half_of: DVec3| {
+            // Middles and halves were rounded.
+            let slack = (of.abs() + center.abs() + half_of + half) * ROUNDING;
+            (of - center).abs().cmple(half_of + half + slack).all()
+        };
+        let mut open: Vec<u32> = (!self.nodes.is_empty()).then_some(0).into_iter().collect();
+        while let Some(index) = open.pop() {
+            let node = &self.nodes[index as usize];
+            if !meets(node.center, node.half) {
+                continue;
+            }
+            if node.right == 0 {
+                let range = node.first as usize..(node.first + node.count) as usize;
+                let met = range.filter(|&at| meets(self.boxes[at].0, self.boxes[at].1));
+                found.extend(met.map(|at| self.order[at]));
+            } else {
+                open.extend([node.right, index + 1]);
             }
         }
     }

@@ -3,6 +3,8 @@
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use polyptych_scene::{Instance, Node, Primitive, Scene};
 
+use super::light::LocalLight;
+
 /// A box with its sides along the world's axes; unbounded where the source was not finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Bounds {
@@ -53,6 +55,12 @@ impl Bounds {
     /// Square of the distance from a point to the nearest point of the box; 0 inside.
     pub fn distance_squared(&self, point: DVec3) -> f64 {
         point.clamp(self.min, self.max).distance_squared(point)
+    }
+
+    /// The box around all that a lamp reaches; not finite where that is everything.
+    pub fn of_lamp(lamp: &LocalLight) -> Self {
+        let reach = lamp.bounded_reach().unwrap_or(f64::INFINITY);
+        Self { min: lamp.position - reach, max: lamp.position + reach }
     }
 
     /// The box around a primitive in its mesh's space.

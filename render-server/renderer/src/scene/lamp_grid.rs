@@ -62,7 +62,7 @@ impl LampGrid {
         let is_held = |lamp: &LocalLight| lamp.bounded_reach().is_some_and(|of| of <= reach_max);
         let holds: Vec<bool> = lamps.iter().map(is_held).collect();
         let held = || lamps.iter().filter(|lamp| is_held(lamp));
-        let all = held().map(box_of).fold(Bounds::EMPTY, Bounds::union);
+        let all = held().map(Bounds::of_lamp).fold(Bounds::EMPTY, Bounds::union);
         let extent = all.max - all.min;
         let mut side = median * SIDE_RATIO_MIN;
         if !(all.min.is_finite() && extent.is_finite() && side.is_normal()) {
@@ -110,7 +110,7 @@ impl LampGrid {
 
     /// Gives the cells in which a lamp may have light, by their index.
     fn for_each_cell(&self, lamp: &LocalLight, mut give: impl FnMut(usize)) {
-        let reach = box_of(lamp);
+        let reach = Bounds::of_lamp(lamp);
         let margin = DVec3::splat(self.side * MARGIN);
         let last = (self.cells - 1).as_dvec3();
         let cell_at = |place: DVec3| ((place - self.origin) / self.side).floor();
@@ -128,12 +128,6 @@ impl LampGrid {
             }
         }
     }
-}
-
-/// The box around all that a lamp reaches.
-fn box_of(lamp: &LocalLight) -> Bounds {
-    let reach = lamp.bounded_reach().unwrap_or(f64::INFINITY);
-    Bounds { min: lamp.position - reach, max: lamp.position + reach }
 }
 
 /// Returns whether cells of this side, and their lists, are few enough.

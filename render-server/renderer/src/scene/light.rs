@@ -4,12 +4,14 @@ use std::collections::HashMap;
 use std::f64::consts::FRAC_PI_2;
 
 use glam::{DAffine3, DVec3, Vec3};
+use polyptych_scene::limits::LIT_DRAWS_MAX;
 use polyptych_scene::{Light, LightKind, NodeTraits, Scene};
 use polyptych_wall::ShadowFilter;
 
 use super::SceneError;
 use super::draw_item::Bounds;
 use super::lamp_grid::{GRID_LAMPS_MIN, IN_CELLS, LampGrid};
+use super::lamp_search::LampSearch;
 use super::moved_items::MovedNode;
 use super::subset::{Selection, layer_bit};
 use crate::view::SUNS_MAX;
@@ -132,6 +134,9 @@ pub(crate) struct Lights {
     /// The grid, if many lamps have a reach.
     pub grid: Option<LampGrid>,
     moving: Vec<MovingLight>,
+    search: LampSearch,
+    /// Pairs of a lamp and a box that were looked at for the items.
+    pairs: u64,
     known: HashMap<Vec<u32>, [u32; 2]>,
 }
 
@@ -167,6 +172,7 @@ impl Lights {
         if let Some((grid, lists)) = LampGrid::new(&lights.lamps) {
             (lights.grid, lights.indices) = (Some(grid), lists);
         }
+        lights.search = LampSearch::new(&lights.lamps);
         lights
     }
 
@@ -222,9 +228,17 @@ impl Lights {
     /// [`Self::lamps_reaching`] gives it. Equal lists are shared.
     ///
     /// # Errors
-    /// All lists together would be longer than [`LAMP_INDICES_MAX`].
+    /// All lists together would be longer than [`LAMP_INDICES_MAX`], or take minutes to make.
     pub fn lights_affecting(&mut self, bounds: &Bounds) -> Result<[u32; 2], SceneError> {
-        let (list, in_cells) = self.lamps_reaching(bounds);
+        let near = self.search.near(bounds);
+        self.pairs += near.len() as u64;
+        if self.pairs > LIT_DRAWS_MAX {
+            return Err(SceneError::Description(format!(
+                "lights reach primitives more than {LIT_DRAWS_MAX} times; give the lights shorter \
+                 ranges, or draw fewer primitives"
+            )));
+        }
+        let (list, in_cells) = self.listed(near, bounds);
         if let Some(&[start, count]) = self.known.get(&list) {
             return Ok([start, count | in_cells]);
         }
@@ -243,8 +257,12 @@ impl Lights {
     /// Returns the lamps that reach a box, in order, and 0. If many of them are in the grid, these
     /// are left out, and the number is [`IN_CELLS`].
     pub fn lamps_reaching(&self, bounds: &Bounds) -> (Vec<u32>, u32) {
-        let reaches = |&index: &u32| self.lamps[index as usize].reaches(bounds);
-        let mut list: Vec<u32> = (0..self.lamps.len() as u32).filter(reaches).collect();
+        self.listed(self.search.near(bounds), bounds)
+    }
+
+    /// The same, of the lamps that may reach the box.
+    fn listed(&self, mut list: Vec<u32>, bounds: &Bounds) -> (Vec<u32>, u32) {
+        list.retain(|&index| self.lamps[index as usize].reaches(bounds));
         let Some(grid) = &self.grid else { return (list, 0) };
         if list.iter().filter(|lamp| grid.holds(**lamp)).count() < GRID_LAMPS_MIN {
             return (list, 0);
@@ -286,8 +304,7 @@ impl LocalLight {
             }
             LightKind::Point | LightKind::Directional => [0.0, 1.0],
         };
-        // A range of 0 or less is no range: the schema asks for more than 0.
-        let range = light.range.filter(|range| *range > 0.0 && range.is_finite());
+        let range = light.finite_range();
         Self {
             position: world_from_node.translation,
             direction,
