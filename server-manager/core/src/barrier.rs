@@ -429,6 +429,7 @@ impl Cluster {
         };
         self.command(barrier.sent.clone(), Command::Swap(swap));
         self.swapped = barrier.frame;
+        self.end_part_frame(now, barrier.frame);
         let slowest_us = barrier.slowest_us();
         if let Some(typical_us) = barrier.typical_slowest_us() {
             self.deadline.add(typical_us);

@@ -5,7 +5,7 @@
 //! joins the replicated state as any change does, so that a finer level is drawn only when every
 //! server has it, and until then all is drawn as before.
 
-use polyptych_protocol::ids::Revision;
+use polyptych_protocol::ids::{FrameId, Revision};
 use polyptych_protocol::state_log::Operation;
 use polyptych_scene::residency::SeenFrom;
 use polyptych_wall::view::ViewProjection;
@@ -17,8 +17,8 @@ use super::{Cluster, Micros, SessionId, StateChange};
 /// Minimum time between two parts.
 const CHANGE_PERIOD: Micros = 500_000;
 
-/// Minimum time between two parts as a multiple of the time that servers took for the last: where a
-/// camera flies past everything, they have the rest for frames.
+/// Minimum time between two parts as a multiple of the time that servers took for the last one with
+/// its first frame: where a camera flies past everything, they have the rest for frames.
 const CHANGE_FACTOR: Micros = 4;
 
 /// Time after which a part is asked for again that servers could not get ready.
@@ -38,6 +38,8 @@ pub(super) struct Residency {
     not_before: Micros,
     /// No frame of the part that is held has begun.
     is_new: bool,
+    /// The first frame of the part that is held, while it is on its way.
+    first_frame: Option<FrameId>,
 }
 
 impl Cluster {
@@ -81,7 +83,24 @@ impl Cluster {
 
     /// Returns whether the frame that begins is the first of another part: shadows are drawn anew.
     pub(super) fn begins_part(&mut self) -> bool {
-        std::mem::take(&mut self.residency.is_new)
+        let is_new = std::mem::take(&mut self.residency.is_new);
+        if is_new {
+            self.residency.first_frame = Some(self.frame);
+        }
+        is_new
+    }
+
+    /// This frame was drawn, or was waited for as long as can be: of a part it may be the first.
+    pub(super) fn end_part_frame(&mut self, now: Micros, frame: FrameId) {
+        if self.residency.first_frame.take_if(|first| *first == frame).is_some() {
+            self.space_parts(now);
+        }
+    }
+
+    /// Leaves some time before another part is asked for.
+    fn space_parts(&mut self, now: Micros) {
+        let taken = now.saturating_sub(self.residency.asked_at);
+        self.residency.not_before = now + CHANGE_PERIOD.max(taken.saturating_mul(CHANGE_FACTOR));
     }
 
     /// Returns the time at which servers are told of other places, if they are to be.
@@ -104,9 +123,8 @@ impl Cluster {
 
     /// The state that frames name has another part of the scene.
     pub(super) fn commit_residency(&mut self, now: Micros, failed: &[(SessionId, String)]) {
-        let taken = now.saturating_sub(self.residency.asked_at);
         self.residency.is_new = true;
-        self.residency.not_before = now + CHANGE_PERIOD.max(taken.saturating_mul(CHANGE_FACTOR));
+        self.space_parts(now);
         self.demote_unprepared(now, failed);
         // A wall that is paused shows it too.
         self.wants_frame |= !self.pacer.is_soon(now);
