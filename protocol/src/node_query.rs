@@ -126,7 +126,7 @@ impl RayQuery {
 /// The first triangle that a ray meets, from either side.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RayHit {
-    /// The state that was looked at.
+    /// The state since which the scene is as it was looked at.
     pub revision: Revision,
     /// The node that has the mesh.
     pub node: NodeId,
@@ -169,7 +169,7 @@ pub struct NearestQuery {
 /// The point of the scene's triangles that is nearest to another point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NearestPoint {
-    /// The state that was looked at.
+    /// The state since which the scene is as it was looked at.
     pub revision: Revision,
     /// The node whose mesh has the point; one of them if several do.
     pub node: NodeId,
@@ -185,7 +185,7 @@ pub struct NearestPoint {
 /// Nodes that were found, parents before their children.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NodePage {
-    /// The state that was looked at.
+    /// The state since which the scene is as it was looked at.
     pub revision: Revision,
     /// The number of all nodes found.
     pub found: u64,

@@ -38,7 +38,7 @@ pub struct Walker {
 /// The way that is possible.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WalkedWay {
-    /// The state that was looked at.
+    /// The state since which the scene is as it was looked at.
     pub revision: Revision,
     /// The way of the eye in straight lines, in world space; between them it is at most a
     /// hundredth of the height, or a tenth of the radius, from the way that was found. The first

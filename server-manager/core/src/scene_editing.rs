@@ -79,6 +79,9 @@ pub(super) struct SceneEditing {
     /// The state since which changes are known: that in which the scene was opened, or with which
     /// this manager began.
     since: Revision,
+    /// The state since which the scene is as it is: walls change, and what is held of a scene.
+    #[serde(default)]
+    latest: Revision,
     /// All that was accepted; frames may show less as yet.
     accepted: SceneEdits,
     /// The number that the next node gets at least.
@@ -96,7 +99,7 @@ impl SceneEditing {
     /// Another scene is shown from this state on, or none.
     pub fn restart(&mut self, since: Revision, outline: Option<Arc<SceneOutline>>) {
         let waiters = std::mem::take(&mut self.waiters);
-        *self = Self { outline, since, waiters, ..Self::default() };
+        *self = Self { outline, since, latest: since, waiters, ..Self::default() };
     }
 
     /// Returns the outline of the open scene, where it is known.
@@ -106,7 +109,7 @@ impl SceneEditing {
 
     /// Nothing is known of changes before this state.
     pub fn begin_at(&mut self, since: Revision) {
-        self.since = since;
+        (self.since, self.latest) = (since, since);
     }
 
     /// The nodes that end with a client's connection.
@@ -337,9 +340,9 @@ impl Cluster {
         self.shown.scene.as_ref().map(|scene| (scene, &self.shown.edits))
     }
 
-    /// The state that frames name.
-    pub fn revision(&self) -> Revision {
-        self.shown.revision
+    /// The state since which the scene that frames show is as it is.
+    pub fn scene_revision(&self) -> Revision {
+        self.editing.latest
     }
 
     /// Returns a fingerprint of all accepted edits.
@@ -402,6 +405,7 @@ impl Cluster {
         failed: &[(SessionId, String)],
     ) {
         let revision = self.shown.revision;
+        self.editing.latest = revision;
         for target in edits_of(operations).filter_map(Target::of) {
             // The number of a node that was made and is gone is not given again.
             let is_gone = |node: NodeId| {
@@ -433,7 +437,7 @@ impl Cluster {
             self.reply(waiter.job, Err(RequestError::new(reason)));
         }
         self.editing.accepted = self.shown.edits.clone();
-        let revision = self.shown.revision;
+        let revision = self.editing.latest;
         for changed in self.editing.changed.values_mut() {
             changed.get_or_insert(revision);
         }

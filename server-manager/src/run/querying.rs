@@ -187,7 +187,8 @@ impl EventLoop {
             };
             return self.reply_to_query(job, Err(reason));
         };
-        let (manifest, edits, revision) = (scene.manifest, edits.clone(), self.cluster.revision());
+        let (manifest, edits, revision) =
+            (scene.manifest, edits.clone(), self.cluster.scene_revision());
         let (store, index) = (self.queries.store.clone(), Arc::clone(&self.queries.index));
         let triangles = self.queries.triangles.clone();
         let (done, turns) = (self.queries.done.0.clone(), Arc::clone(&self.queries.turns));

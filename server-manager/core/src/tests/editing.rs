@@ -2,6 +2,7 @@
 
 use glam::{DAffine3, DVec3};
 use polyptych_files::blob::BlobHash;
+use polyptych_protocol::environment::{Environment, EnvironmentSource};
 use polyptych_protocol::feedback::Edited;
 use polyptych_protocol::transaction::{AssetSource, BakedAssets, Transaction};
 use polyptych_scene::{Edit, NewNode, Node, NodeId, Scene, SceneOutline, provisional_asset};
@@ -162,6 +163,24 @@ fn what_somebody_else_has_changed_since_is_not_overwritten() {
     assert!(stage.refusal(on_it(HOUSE, 2.0)).contains("node 0 was changed at revision"));
     let later = Transaction { base: Some(Revision(now.0 + 9)), ..moving(TREE, 2.0) };
     assert!(stage.refusal(later).contains("and the wall shows"));
+}
+
+#[test]
+fn what_is_no_change_of_the_scene_is_no_change_for_who_reads_it() {
+    let mut stage = ClusterFixture::with_house(1);
+    let read = stage.cluster.scene_revision();
+    assert_eq!(read, stage.cluster.shown.revision);
+    let blob = BlobHash([7; 32]);
+    let baked = EnvironmentSource::Baked(Environment { name: "studio.hdr".into(), blob });
+    stage.request(Request::SetEnvironment(baked));
+    stage.prepare_all();
+    assert!(stage.cluster.shown.revision > read);
+    assert_eq!(stage.cluster.scene_revision(), read);
+    let on_it = |x| Transaction { base: Some(read), ..moving(TREE, x) };
+    stage.edit(on_it(1.0));
+    stage.prepare_all();
+    assert_eq!(stage.cluster.scene_revision(), stage.cluster.shown.revision);
+    assert!(stage.refusal(on_it(2.0)).contains("node 2 was changed at revision"));
 }
 
 #[test]
