@@ -255,8 +255,7 @@ impl Loader {
         let surrounded = environment.as_ref().map(|_| "environment");
         let features = features.chain(surrounded).map(Into::into).collect();
         (self.ready_scene, self.ready_environment) = (scene, environment);
-        let weights = self.ready_scene.as_ref().and_then(|ready| ready.weights.as_ref());
-        let detail_reach = weights.map(|weights| weights.reach.min(f64::MAX));
+        let detail_reach = self.ready_scene.as_ref().and_then(ReadyScene::detail_reach);
         Ok(Prepared { epoch, revision, digest, features, scene_bytes, detail_reach })
     }
 

@@ -16,6 +16,8 @@ pub(super) struct HeldPart {
     textures: Vec<Texture>,
     /// What it was chosen by.
     pub weights: MeshWeights,
+    /// The finest level of each mesh that is held.
+    pub levels: Vec<u32>,
     /// The warning of what is missing, for the operator.
     pub warning: Option<String>,
 }
@@ -52,6 +54,7 @@ impl HeldPart {
             meshes: edited.meshes.clone(),
             textures: edited.textures.clone(),
             weights,
+            levels: held.levels.clone(),
             warning: warning(&held, mib),
         };
         held.limit(edited);

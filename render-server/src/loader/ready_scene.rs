@@ -24,6 +24,8 @@ pub(super) struct ReadyScene {
     pub budget: MemoryBudget,
     /// What its part was chosen by, and for which places; `None` if all of it is held.
     pub weights: Option<MeshWeights>,
+    /// The finest level of each mesh that is held of a part.
+    pub levels: Vec<u32>,
     pub seen_from: Vec<SeenFrom>,
     /// The scene of its file, without changes.
     pub base: Arc<Scene>,
@@ -35,6 +37,15 @@ pub(super) struct ReadyScene {
     pub motion: Option<Arc<Motion>>,
     pub features: SceneFeatures,
     pub warm_up: Camera,
+}
+
+impl ReadyScene {
+    /// See [`polyptych_protocol::server_message::Prepared::detail_reach`]. Where textures alone are
+    /// left without levels, they are wherever they are seen from.
+    pub fn detail_reach(&self) -> Option<f64> {
+        let weights = self.weights.as_ref().filter(|_| self.levels.iter().any(|level| *level > 0));
+        weights.map(|weights| weights.reach.min(f64::MAX))
+    }
 }
 
 impl Loader {
@@ -90,10 +101,12 @@ impl Loader {
         let is_known = before.is_some_and(|before| before.added.keys().eq(added.keys()))
             && held.is_some_and(|held| layout.shares_content_with(held));
         let weights = part.as_ref().map(|part| part.weights.clone());
+        let levels = part.as_ref().map(|part| part.levels.clone()).unwrap_or_default();
         let ready = ReadyScene {
             version,
             budget,
             weights,
+            levels,
             seen_from,
             base,
             added,
@@ -121,13 +134,14 @@ impl Loader {
         replica: &Replica,
     ) -> Result<Option<ReadyScene>, String> {
         // A part is chosen by where nodes stand and what sees them, all of a scene by nothing.
-        let weights = before.weights.as_ref().map(|_| {
-            let (edited, _) = replica.edits.apply_to(&before.base, added);
-            MeshWeights::new(&edited, &replica.seen_from)
-        });
-        let [chosen_by, now] = [&before.weights, &weights].map(|of| of.as_ref().map(|of| &of.each));
-        if chosen_by != now {
-            return Ok(None);
+        let mut weights = None;
+        if before.weights.is_some() {
+            let (mut edited, _) = replica.edits.apply_to(&before.base, added);
+            let part = HeldPart::limit(&mut edited, &replica.seen_from, before.budget)?;
+            let Some(part) = part.filter(|part| part.levels == before.levels) else {
+                return Ok(None);
+            };
+            weights = Some(part.weights);
         }
         let seen_from = replica.seen_from.clone();
         let kept = ReadyScene { weights, seen_from, ..before.clone() };
