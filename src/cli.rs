@@ -139,6 +139,8 @@ enum Command {
     Fog(surroundings::FogArguments),
     /// Spread light around what is bright
     Glow(surroundings::GlowArguments),
+    /// Darken corners and gaps, which get less of the light from all around
+    AmbientOcclusion(surroundings::OcclusionArguments),
     /// Show a variant of the open scene, or list those of its file
     Variant(variant::Arguments),
     /// Say how a running wall stands
@@ -300,6 +302,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Tone(arguments) => surroundings::tone(&arguments),
         Command::Fog(arguments) => surroundings::fog(&arguments),
         Command::Glow(arguments) => surroundings::glow(&arguments),
+        Command::AmbientOcclusion(arguments) => surroundings::ambient_occlusion(&arguments),
         Command::Variant(arguments) => return variant::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
@@ -450,13 +453,6 @@ fn address_with(text: &str, port_default: u16, port_min: u16) -> Result<String, 
             Err(format!("{text:?} is no address; write HOST:PORT, such as {example}"))
         }
     }
-}
-
-/// A factor of light, as an argument.
-fn exposure(text: &str) -> Result<f32, String> {
-    let number: f32 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
-    let is_factor = number.is_finite() && number >= 0.0;
-    is_factor.then_some(number).ok_or_else(|| format!("{text} is not 0 or more"))
 }
 
 /// A rate in frames per second, as an argument.

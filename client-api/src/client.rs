@@ -13,7 +13,7 @@ use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{Pacing, Request, Response, StoppedServers};
-use polyptych_scene::{Fog, Glow, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
@@ -288,6 +288,18 @@ impl Client {
     /// [`ClientError`]; a number that no glow has.
     pub async fn set_glow(&self, glow: Option<Glow>) -> Result<(), ClientError> {
         self.done("set the glow", Request::SetGlow(glow)).await
+    }
+
+    /// Darkens corners and gaps, which get less of the light from all around, from the next frame
+    /// on; `None` ends it.
+    ///
+    /// # Errors
+    /// [`ClientError`]; a radius that is not above 0.
+    pub async fn set_ambient_occlusion(
+        &self,
+        occlusion: Option<AmbientOcclusion>,
+    ) -> Result<(), ClientError> {
+        self.done("set the ambient occlusion", Request::SetAmbientOcclusion(occlusion)).await
     }
 
     /// Bounds the error and the rate of pictures, from the next frame on and until it is set again.

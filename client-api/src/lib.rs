@@ -119,10 +119,10 @@ pub use polyptych_protocol::walk_query::{
     Touched, WAY_POINTS_MAX, WalkEnd, WalkQuery, WalkedWay, Walker,
 };
 pub use polyptych_scene::{
-    AlphaMode, Anisotropy, Attribute, Bounds, CAMERA_KEY, Clearcoat, DiffuseTransmission, Edit,
-    Facing, Fill, Fog, Glow, Highlight, Iridescence, Light, LightKind, Material,
-    MaterialExtensions, NewNode, NodeId, NodeStyle, SceneFeatures, SceneSubset, Shading, Sheen,
-    Specular, TextureRef, ToneMapper, Topology, Transmission, Volume, provisional_asset,
+    AlphaMode, AmbientOcclusion, Anisotropy, Attribute, Bounds, CAMERA_KEY, Clearcoat,
+    DiffuseTransmission, Edit, Facing, Fill, Fog, Glow, Highlight, Iridescence, Light, LightKind,
+    Material, MaterialExtensions, NewNode, NodeId, NodeStyle, SceneFeatures, SceneSubset, Shading,
+    Sheen, Specular, TextureRef, ToneMapper, Topology, Transmission, Volume, provisional_asset,
 };
 pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;

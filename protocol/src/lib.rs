@@ -37,6 +37,7 @@ pub mod manager_addresses;
 pub mod navigation;
 pub mod node_query;
 pub mod output_mode;
+mod pacing;
 pub mod pattern;
 pub mod presentation;
 pub mod process;

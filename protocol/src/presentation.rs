@@ -1,6 +1,6 @@
 //! The presentation of the wall's state. Frames, the manager's memory and every status share it.
 
-use polyptych_scene::{Fog, Glow, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
@@ -41,6 +41,9 @@ pub struct Presentation {
     /// Light that spreads around what is bright.
     #[serde(default)]
     pub glow: Option<Glow>,
+    /// Corners and gaps get less of the light from all around.
+    #[serde(default)]
+    pub ambient_occlusion: Option<AmbientOcclusion>,
     /// A point that its channel lights over a pattern. It ends with the manager.
     #[serde(default)]
     pub marker: Option<CalibrationMarker>,
@@ -61,6 +64,7 @@ impl Presentation {
             is_exposure_automatic: false,
             fog: None,
             glow: None,
+            ambient_occlusion: None,
             marker: None,
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! Every request has exactly one answer, which carries its number.
 
-use polyptych_scene::{Bounds, Fog, Glow, SceneFeatures, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, Bounds, Fog, Glow, SceneFeatures, ToneMapper};
 use polyptych_text::text_of_peer;
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
@@ -28,6 +28,7 @@ use crate::node_query::{
     LayerInfo, NearestPoint, NearestQuery, NodePage, NodeQuery, RayHit, RayQuery, RegionQuery,
 };
 use crate::output_mode::OutputMode;
+pub use crate::pacing::Pacing;
 use crate::pattern::TestPattern;
 use crate::progress::OpenProgress;
 use crate::quality_bounds::QualityBounds;
@@ -221,6 +222,8 @@ pub enum Request {
     SetFog(Option<Fog>),
     /// Spreads light around what is bright, from the next frame on; `None` ends it.
     SetGlow(Option<Glow>),
+    /// Darkens corners and gaps, from the next frame on; `None` ends it.
+    SetAmbientOcclusion(Option<AmbientOcclusion>),
     /// Sends pictures as [`Request::Capture`] does, for a person who watches: of the next frame
     /// that the wall draws by itself, or of the last one, drawn once more at its own scene time.
     /// The frame waits for no channel longer than others do.
@@ -311,6 +314,7 @@ impl Request {
             Self::SetAutomaticExposure => "set the automatic exposure",
             Self::SetFog(_) => "set the fog",
             Self::SetGlow(_) => "set the glow",
+            Self::SetAmbientOcclusion(_) => "set the ambient occlusion",
             Self::SaveSession { .. } => "save the session",
             Self::OpenSession { .. } => "open the session",
             Self::ListSessions => "list the sessions",
@@ -322,15 +326,6 @@ impl Request {
             Self::ReportDevices(_) => "report the devices",
         }
     }
-}
-
-/// The rate at which the wall draws by itself.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Pacing {
-    /// The rate of the slowest live channel.
-    Free,
-    /// This number of frames per second, if the wall can.
-    Rate(f64),
 }
 
 /// A message to a client.

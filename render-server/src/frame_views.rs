@@ -79,6 +79,7 @@ impl ViewTransform {
             tone: frame.presentation.tone,
             fog: frame.presentation.fog,
             glow: frame.presentation.glow,
+            ambient_occlusion: frame.presentation.ambient_occlusion,
             subset: SceneSubset { root: view.root.map(NodeId), layers: view.layers.clone() },
             allowed_error,
             has_shadows: number < SHADOWED_VIEWS_MAX,

@@ -252,6 +252,7 @@ mod tests {
                 is_exposure_automatic: true,
                 fog: Some(polyptych_scene::Fog::even(300.0)),
                 glow: Some(polyptych_scene::Glow::new(0.25)),
+                ambient_occlusion: Some(polyptych_scene::AmbientOcclusion { radius: 0.5 }),
                 marker: None,
             },
             pace: Some(Pacing::Rate(60.0)),

@@ -12,7 +12,8 @@ use polyptych_text::{counted, printable};
 
 use super::progress::ProgressReport;
 use super::seen::{Seen, await_displays};
-use super::{ManagerAddress, exposure, say, seconds};
+use super::surroundings::factor;
+use super::{ManagerAddress, say, seconds};
 use crate::{image_files, outputs};
 
 #[derive(Debug, clap::Args)]
@@ -30,7 +31,7 @@ pub(super) struct OpenArguments {
     #[arg(long, value_name = "DEGREES", default_value_t = 30.0, conflicts_with = "keep_camera")]
     heading: f64,
     /// Multiply all light by this [default: 1, or what suits lights in real units]
-    #[arg(long, value_name = "FACTOR", value_parser = exposure)]
+    #[arg(long, value_name = "FACTOR", value_parser = factor)]
     exposure: Option<f32>,
     /// Wait at most this long for displays that are not there or not ready [default: 60 for those
     /// that get ready, 5 for servers that may be on their way]

@@ -1,11 +1,11 @@
-//! `polyptych environment`, `exposure`, `tone`, `fog` and `glow`: the light of a running wall, and
-//! of a run.
+//! `polyptych environment`, `exposure`, `tone`, `fog`, `glow` and `ambient-occlusion`: the light of
+//! a running wall, and of a run.
 
 use std::path::Path;
 
 use anyhow::Context;
 use polyptych_client::glam::DVec3;
-use polyptych_client::{EnvironmentSource, Fog, Glow, ToneMapper};
+use polyptych_client::{AmbientOcclusion, EnvironmentSource, Fog, Glow, ToneMapper};
 use polyptych_text::printable;
 
 use super::remote::{path_from_here, point, positive};
@@ -36,6 +36,9 @@ pub(super) struct LookArguments {
     /// Spread this share of all light around what is bright, above 0 and up to 1
     #[arg(long, value_name = "STRENGTH", value_parser = glow_strength)]
     pub glow: Option<f32>,
+    /// Darken corners and gaps: nothing farther than this takes light from a place, in world units
+    #[arg(long, value_name = "RADIUS", value_parser = occlusion_radius)]
+    pub ambient_occlusion: Option<f32>,
 }
 
 impl LookArguments {
@@ -49,9 +52,17 @@ impl LookArguments {
             tone: self.tone,
             fog: self.fog.map(Fog::even),
             glow: self.glow.map(Glow::new),
+            ambient_occlusion: self.ambient_occlusion.map(|radius| AmbientOcclusion { radius }),
             exposure: self.exposure,
         })
     }
+}
+
+/// A factor of light, as an argument.
+pub(super) fn factor(text: &str) -> Result<f32, String> {
+    let number: f32 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
+    let is_factor = number.is_finite() && number >= 0.0;
+    is_factor.then_some(number).ok_or_else(|| format!("{text} is not 0 or more"))
 }
 
 /// The surroundings that are asked for.
@@ -70,7 +81,7 @@ fn brightness(text: &str) -> Result<Brightness, String> {
     if text == "auto" {
         return Ok(Brightness::Automatic);
     }
-    let factor = super::exposure(text).map(Brightness::Factor);
+    let factor = factor(text).map(Brightness::Factor);
     factor.map_err(|error| format!("{error}; or write auto"))
 }
 
@@ -277,6 +288,59 @@ pub(super) fn glow(arguments: &GlowArguments) -> anyhow::Result<()> {
             say(format_args!("glow with a strength of {strength}, {width_degrees}° wide"))
         }
         None => say("glow none"),
+    }
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct OcclusionArguments {
+    /// Nothing farther than this takes light from a place, in world units; above 0. Or "none".
+    /// Without it, say how it is
+    #[arg(value_name = "RADIUS|none", value_parser = radius)]
+    radius: Option<Radius>,
+    #[command(flatten)]
+    manager: ManagerAddress,
+}
+
+/// An ambient occlusion that is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Radius {
+    None,
+    Within(f32),
+}
+
+fn radius(text: &str) -> Result<Radius, String> {
+    match text {
+        "none" => Ok(Radius::None),
+        _ => {
+            occlusion_radius(text).map(Radius::Within).map_err(|error| format!("{error}, or none"))
+        }
+    }
+}
+
+/// Reads the radius of an ambient occlusion.
+fn occlusion_radius(text: &str) -> Result<f32, String> {
+    let radius: f32 = text.parse().map_err(|_| "a number above 0")?;
+    match (AmbientOcclusion { radius }).fault() {
+        Some(fault) => Err(fault),
+        None => Ok(radius),
+    }
+}
+
+/// Darkens corners and gaps or ends it, or says how it is.
+pub(super) fn ambient_occlusion(arguments: &OcclusionArguments) -> anyhow::Result<()> {
+    let client = arguments.manager.connect()?;
+    match arguments.radius {
+        Some(Radius::None) => client.set_ambient_occlusion(None)?,
+        Some(Radius::Within(radius)) => {
+            client.set_ambient_occlusion(Some(AmbientOcclusion { radius }))?;
+        }
+        None => {}
+    }
+    match client.presentation()?.ambient_occlusion {
+        Some(AmbientOcclusion { radius }) => {
+            say(format_args!("ambient occlusion with a radius of {radius}"))
+        }
+        None => say("ambient occlusion none"),
     }
 }
 

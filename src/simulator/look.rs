@@ -1,9 +1,10 @@
-//! How a run shows its scene: surroundings, tone, fog, glow and exposure.
+//! How a run shows its scene: surroundings, tone, fog, glow, ambient occlusion and
+//! exposure.
 
 use std::path::{Path, PathBuf};
 
 use polyptych_client::blocking::Client;
-use polyptych_client::{ClientError, EnvironmentSource, Fog, Glow, ToneMapper};
+use polyptych_client::{AmbientOcclusion, ClientError, EnvironmentSource, Fog, Glow, ToneMapper};
 
 /// The exposure of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,6 +22,7 @@ pub(crate) struct Look {
     pub tone: Option<ToneMapper>,
     pub fog: Option<Fog>,
     pub glow: Option<Glow>,
+    pub ambient_occlusion: Option<AmbientOcclusion>,
     pub exposure: Option<Brightness>,
 }
 
@@ -47,6 +49,9 @@ impl Look {
         }
         if self.glow.is_some() {
             client.set_glow(self.glow)?;
+        }
+        if self.ambient_occlusion.is_some() {
+            client.set_ambient_occlusion(self.ambient_occlusion)?;
         }
         match self.exposure {
             Some(Brightness::Factor(factor)) => client.set_exposure(factor),

@@ -181,6 +181,7 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
         tone: polyptych_scene::ToneMapper::default(),
         fog: None,
         glow: None,
+        ambient_occlusion: None,
         subset: polyptych_scene::SceneSubset::default(),
         allowed_error: polyptych_renderer::AllowedError::NONE,
         has_shadows: false,

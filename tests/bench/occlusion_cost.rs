@@ -64,6 +64,7 @@ fn look(eye: DVec3, at: DVec3) -> ViewDesc {
         tone: ToneMapper::default(),
         fog: None,
         glow: None,
+        ambient_occlusion: None,
         subset: SceneSubset::default(),
         allowed_error: AllowedError::NONE,
         has_shadows: false,

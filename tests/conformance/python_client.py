@@ -115,6 +115,11 @@ def glow(given: Any) -> Optional[polyptych.Glow]:
     return None if given is None else decode(polyptych.Glow, given)
 
 
+def occlusion(given: Any) -> Optional[polyptych.AmbientOcclusion]:
+    """An ambient occlusion of the wire, if there is one."""
+    return None if given is None else decode(polyptych.AmbientOcclusion, given)
+
+
 def fog(given: Any) -> Optional[polyptych.Fog]:
     """A fog of the wire, if there is one."""
     return None if given is None else decode(polyptych.Fog, given)
@@ -140,6 +145,9 @@ CALLS: Dict[str, Callable[[Client, Arguments], Any]] = {
     "set_views": lambda client, given: client.set_views(views(given["views"])),
     "set_fog": lambda client, given: client.set_fog(fog(given["fog"])),
     "set_glow": lambda client, given: client.set_glow(glow(given["glow"])),
+    "set_ambient_occlusion": lambda client, given: client.set_ambient_occlusion(
+        occlusion(given["ambient_occlusion"])
+    ),
     "set_bounds": lambda client, given: client.set_bounds(
         decode(polyptych.QualityBounds, given["bounds"])
     ),

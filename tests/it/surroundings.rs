@@ -29,6 +29,20 @@ fn triangle() -> Vec<u8> {
     gltf.glb()
 }
 
+/// Two matt triangles that meet at a right angle, one on the ground.
+fn corner() -> Vec<u8> {
+    let gltf = Gltf::triangle().with(|gltf| {
+        gltf.json["materials"] = json!([{
+            "doubleSided": true, "pbrMetallicRoughness": { "metallicFactor": 0.0 },
+        }]);
+        gltf.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        gltf.json["nodes"] = json!([{ "mesh": 0 }, { "mesh": 0, "rotation": [half, 0, 0, half] }]);
+        gltf.json["scenes"][0]["nodes"] = json!([0, 1]);
+    });
+    gltf.glb()
+}
+
 /// A Radiance file: dim, with a bright half around +X, and blue above.
 fn hdr() -> Vec<u8> {
     let (width, height) = (64, 32);
@@ -202,6 +216,31 @@ fn glow_spreads_light_on_all_displays_until_it_is_taken_away() {
     local.run(&["glow", "0.5", "--width", "90"]).failed(&["0.1 to 7 degrees wide, not 90"]);
     assert!(picture(&client) == glowing, "what is refused changes nothing");
     local.run(&["glow", "none"]).succeeded();
+    check("without", &picture(&client), &plain, &IDENTICAL);
+}
+
+#[test]
+fn ambient_occlusion_darkens_corners_on_all_displays_until_it_is_taken_away() {
+    let local = wall();
+    local.place.write("corner.glb", corner());
+    let client = local.client();
+    client.open_scene("corner.glb").expect("opened");
+    let plain = picture(&client);
+    assert_eq!(local.run(&["ambient-occlusion"]).succeeded(), "ambient occlusion none");
+    let said = local.run(&["ambient-occlusion", "0.5"]).succeeded();
+    assert_eq!(said, "ambient occlusion with a radius of 0.5");
+    let dark = picture(&client);
+    let pixels = || plain.pixels().zip(dark.pixels());
+    let darker = pixels().filter(|(plain, dark)| dark[1].saturating_add(4) < plain[1]).count();
+    let brighter = pixels().filter(|(plain, dark)| dark[1] > plain[1].saturating_add(1)).count();
+    assert!(darker > 500 && brighter == 0, "{darker} darker, {brighter} brighter");
+    for words in [["ambient-occlusion", "0"], ["ambient-occlusion", "NaN"]] {
+        let refused = local.run(&words);
+        assert_eq!(refused.code(), 2, "{}", refused.output);
+        assert!(refused.output.contains("or none"), "{}", refused.output);
+    }
+    assert!(picture(&client) == dark, "what is refused changes nothing");
+    local.run(&["ambient-occlusion", "none"]).succeeded();
     check("without", &picture(&client), &plain, &IDENTICAL);
 }
 

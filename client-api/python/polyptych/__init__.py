@@ -61,6 +61,7 @@ from .events import (
     StatusEvent,
 )
 from .feedback import (
+    AmbientOcclusion,
     ChannelFeedback,
     ChannelState,
     ChannelStatus,
@@ -119,9 +120,10 @@ from .vectors import placed, transform
 from .wall import Channel, Ray, Screen, Wall
 
 __all__ = [
-    "Area", "Ball", "Bounds", "Box", "Camera", "Capture", "CaptureTooLarge", "Channel",
-    "ChannelFeedback", "ChannelState", "ChannelStatus", "Client", "ClientError", "ClipStatus",
-    "Closed", "ConnectOptions", "ConnectionLost", "Convex", "DeviceStatus", "Easing", "Edited",
+    "AmbientOcclusion", "Area", "Ball", "Bounds", "Box", "Camera", "Capture", "CaptureTooLarge",
+    "Channel", "ChannelFeedback", "ChannelState", "ChannelStatus", "Client", "ClientError",
+    "ClipStatus", "Closed", "ConnectOptions", "ConnectionLost", "Convex", "DeviceStatus", "Easing",
+    "Edited",
     "Event", "EventStream", "Failed", "FeedbackEvent", "FeedbackStream", "Fog", "Follow",
     "FrameFeedback", "Glow", "Handshake", "HeadPose", "Image", "Keys", "LayerInfo", "LeaderStatus",
     "LitHours", "LogEvent", "LostEvent", "MalformedPicture", "ManagerEnded", "NearestPoint",

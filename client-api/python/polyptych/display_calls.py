@@ -6,6 +6,7 @@ from typing import Any, Dict, Optional, Sequence, Union
 
 from .camera import Camera
 from .feedback import (
+    AmbientOcclusion,
     Fog,
     Glow,
     FrameFeedback,
@@ -55,6 +56,10 @@ class DisplayCalls(Requests):
     def set_glow(self, glow: Optional[Glow]) -> None:
         """Spreads light around what is bright, from the next frame on; ``None`` ends it."""
         self._do({"SetGlow": glow})
+
+    def set_ambient_occlusion(self, occlusion: Optional[AmbientOcclusion]) -> None:
+        """Darkens corners and gaps, from the next frame on; ``None`` ends it."""
+        self._do({"SetAmbientOcclusion": occlusion})
 
     def set_bounds(self, bounds: QualityBounds) -> None:
         """Bounds the error and the rate of pictures, until it is set again."""

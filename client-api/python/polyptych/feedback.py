@@ -85,6 +85,14 @@ class Glow:
 
 
 @dataclass(frozen=True)
+class AmbientOcclusion:
+    """Less of the light from all around in corners and gaps."""
+
+    #: Nothing farther than this takes light from a place, in units of the world; above 0.
+    radius: float
+
+
+@dataclass(frozen=True)
 class QualityBounds:
     """An upper bound of the error and a lower bound of the rate; the rate wins."""
 
@@ -226,6 +234,7 @@ class Presentation:
     is_exposure_automatic: bool = False
     fog: Optional[Fog] = None
     glow: Optional[Glow] = None
+    ambient_occlusion: Optional[AmbientOcclusion] = None
 
     def all_views(self) -> List[View]:
         """Returns the wall's own picture, and what lies over it."""

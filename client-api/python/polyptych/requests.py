@@ -59,6 +59,7 @@ _NAMES: Dict[str, str] = {
     "SetAutomaticExposure": "set the automatic exposure",
     "SetFog": "set the fog",
     "SetGlow": "set the glow",
+    "SetAmbientOcclusion": "set the ambient occlusion",
     "SaveSession": "save the session",
     "OpenSession": "open the session",
     "ListSessions": "list the sessions",

@@ -2,7 +2,7 @@
 
 use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::quality_bounds::QualityBounds;
-use polyptych_scene::{Fog, Glow, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
 
 use super::{Client, wait};
 use crate::error::ClientError;
@@ -54,6 +54,17 @@ impl Client {
     /// [`ClientError`].
     pub fn set_glow(&self, glow: Option<Glow>) -> Result<(), ClientError> {
         wait(self.inner.set_glow(glow))
+    }
+
+    /// Blocking version of [`crate::Client::set_ambient_occlusion`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_ambient_occlusion(
+        &self,
+        occlusion: Option<AmbientOcclusion>,
+    ) -> Result<(), ClientError> {
+        wait(self.inner.set_ambient_occlusion(occlusion))
     }
 
     /// Blocking version of [`crate::Client::set_bounds`].

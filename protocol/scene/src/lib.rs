@@ -4,6 +4,7 @@
 //! scene; meshes and textures are further blobs, named in it by hash. Indices between its lists
 //! are checked once, by [`Scene::fault`], where a manifest comes in.
 
+mod ambient_occlusion;
 mod animated_property;
 mod animation;
 pub mod deformation;
@@ -39,6 +40,7 @@ mod variants;
 use glam::{DAffine3, DVec3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
+pub use ambient_occlusion::AmbientOcclusion;
 pub use animated_property::{
     AnimatedProperty, ChangedMaterial, LightProperty, MaterialProperty, PropertyKind,
 };

@@ -5,10 +5,11 @@
 
 use polyptych_scene::EXTENSION_TEXTURES_MAX;
 
-use super::behind_region::BehindUniform;
 use super::environment::EnvironmentUniform;
 use super::gpu::Gpu;
+use super::guarded_region::BehindUniform;
 use super::lamp_map::LampShadowRecord;
+use super::pass::ambient_occlusion::OcclusionUniform;
 use super::pass::background::BackgroundUniform;
 use super::pass::correct::{CellRecord, CorrectionUniform};
 use super::scene::{ExtensionUniform, MaterialUniform};
@@ -62,34 +63,45 @@ fn sampler(binding: u32) -> wgpu::BindGroupLayoutEntry {
     }
 }
 
+/// What group 0 has beside that which all frames have.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct FrameExtras {
+    /// The map of an environment, a sampler, and its diffuse light.
+    pub environment: bool,
+    /// The pictures behind surfaces that transmit light, and their places.
+    pub behind: bool,
+    /// The map of ambient occlusion.
+    pub occlusion: bool,
+}
+
 /// Group 0: the view's uniforms and lamps, each at an offset, the lists of lamps, and the table of
 /// [`albedo`](super::albedo) with its sampler.
-pub(crate) fn frame_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
-    let label = Some("frame/layout");
-    let entries = &frame_entries();
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries })
-}
-
-/// Group 0 of a frame with an environment: its map, a sampler and its diffuse light more.
-pub(crate) fn environment_frame_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
-    let mut entries = frame_entries();
-    entries.extend(environment_entries());
-    let (label, entries) = (Some("frame/environment_layout"), &entries[..]);
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries })
-}
-
-/// Group 0 of surfaces that transmit light: the pictures behind them and their places more.
-pub(crate) fn behind_frame_layout(
-    device: &wgpu::Device,
-    has_environment: bool,
-) -> wgpu::BindGroupLayout {
+pub(crate) fn frame_layout(device: &wgpu::Device, extras: FrameExtras) -> wgpu::BindGroupLayout {
     let (fragment, uniform) = (wgpu::ShaderStages::FRAGMENT, wgpu::BufferBindingType::Uniform);
     let mut entries = frame_entries();
-    entries.extend(environment_entries().into_iter().filter(|_| has_environment));
-    let places = buffer(25, fragment, uniform, true, size_of::<BehindUniform>());
-    entries.extend([texture(24, true), places]);
-    let (label, entries) = (Some("frame/behind_layout"), &entries[..]);
+    if extras.environment {
+        entries.extend(environment_entries());
+    }
+    if extras.behind {
+        let places = buffer(25, fragment, uniform, true, size_of::<BehindUniform>());
+        entries.extend([texture(24, true), places]);
+    }
+    if extras.occlusion {
+        entries.push(texture(26, false));
+    }
+    let (label, entries) = (Some("frame/layout"), &entries[..]);
     device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries })
+}
+
+/// Group 1 of the search for ambient occlusion, and of its smoothing: the depths of views, or what
+/// was found, and the uniforms of a view, each at an offset.
+pub(crate) fn occlusion_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    let (fragment, uniform) = (wgpu::ShaderStages::FRAGMENT, wgpu::BufferBindingType::Uniform);
+    let uniforms = buffer(1, fragment, uniform, true, size_of::<OcclusionUniform>());
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("ambient_occlusion/layout"),
+        entries: &[texture(0, false), uniforms],
+    })
 }
 
 fn environment_entries() -> [wgpu::BindGroupLayoutEntry; 3] {

@@ -6,6 +6,7 @@
 //! for one target comes after the frame of the target before; and a buffer that is replaced by a
 //! larger one lives until the last frame that reads it is done.
 
+mod ambient_occlusion;
 mod begun_frame;
 mod behind;
 mod draw_context;
@@ -27,10 +28,7 @@ use std::time::{Duration, Instant};
 use glam::{DMat3, DMat4, DVec3, Vec3};
 use polyptych_scene::{SceneSubset, ToneMapper};
 
-use super::behind_region::BehindUniform;
-use super::bindings::{behind_frame_layout, environment_frame_layout, uniform_stride};
 use super::draw_list::{DrawList, Scratch, VisibleItems, samples_of};
-use super::environment::Environment;
 use super::gpu::Gpu;
 use super::occlusion::OcclusionCulling;
 use super::pass::background::BackgroundPass;
@@ -40,17 +38,20 @@ use super::pipeline::{InstanceRecord, PipelineVariant, Pipelines};
 use super::scene::GpuScene;
 use super::target::Target;
 use super::tone::{LIGHT_MAX, tone_map};
-use super::view::{AllowedError, FrameUniform, LocalLightRecord, ViewDesc};
+use super::view::{AllowedError, ViewDesc};
 use super::{DrawError, DrawStats, albedo};
+use ambient_occlusion::OcclusionMaps;
 use begun_frame::ShownView;
 pub use begun_frame::{BegunFrame, SubmittedFrame};
-use behind::{BehindBinding, BehindPictures, DrawnWith};
+use behind::{BehindPictures, DrawnWith};
 pub(crate) use draw_context::DrawContext;
+use draw_context::FrameBindings;
 use frame_buffer::{FrameBuffer, is_too_large};
 use glow::GlowPictures;
 pub(crate) use hidden_items::OcclusionMemory;
 use hidden_items::encode_behind;
 use scene_pass::encode_scene;
+use shadows::FrameShadows;
 pub(crate) use shadows::Shadows;
 pub use submission::Submission;
 
@@ -68,9 +69,7 @@ pub(crate) struct FrameResources {
     behind_uniforms: FrameBuffer,
     behind: BehindPictures,
     glow: GlowPictures,
-    group_layout: wgpu::BindGroupLayout,
-    /// Its like with an environment, once there was one.
-    environment_group_layout: Option<wgpu::BindGroupLayout>,
+    occlusion: OcclusionMaps,
     background: Option<BackgroundPass>,
     /// See [`albedo`].
     albedo: wgpu::TextureView,
@@ -93,8 +92,7 @@ impl FrameResources {
             behind_uniforms: FrameBuffer::new("frame/behind", wgpu::BufferUsages::UNIFORM),
             behind: BehindPictures::default(),
             glow: GlowPictures::default(),
-            group_layout: super::bindings::frame_layout(&gpu.device),
-            environment_group_layout: None,
+            occlusion: OcclusionMaps::default(),
             background: None,
             albedo: albedo::texture(gpu),
             albedo_sampler: albedo::sampler(gpu),
@@ -115,6 +113,12 @@ impl FrameResources {
     #[cfg(test)]
     pub fn has_behind(&self) -> bool {
         !self.behind.is_empty()
+    }
+
+    /// Returns whether there are maps of ambient occlusion.
+    #[cfg(test)]
+    pub fn has_occlusion(&self) -> bool {
+        !self.occlusion.is_empty()
     }
 
     /// Begins a frame: finds what its views may show, and submits the search for what others hide
@@ -172,10 +176,13 @@ impl FrameResources {
         let hidden = depths.map(|of| of.leave_out_hidden(gpu, scene, target, &mut shown));
         let hidden = hidden.transpose()?;
         let searched = start.elapsed();
-        let shadows = shadows.draw(self, gpu, scene, &shown)?;
+        let FrameShadows { groups, drawn } = shadows.draw(self, gpu, scene, &shown)?;
         let found = ready(pipelines, scene, variant)?;
-        let with = DrawnWith { pipelines: &found, variant, shadows: &shadows.groups };
-        let behind = self.draw_behind(gpu, &with, scene, target, &shown)?;
+        let pictures = behind::planned(scene, &shown);
+        let occlusion = self.draw_occlusion(gpu, &shadows.pass, scene, (&shown, &pictures))?;
+        let occlusion = occlusion.as_ref();
+        let with = DrawnWith { pipelines: &found, variant, shadows: &groups, occlusion };
+        let behind = self.draw_behind(gpu, &with, scene, target, (&shown, pictures))?;
         let glow = self.begin_glow(gpu, &with, (scene, target), &shown)?;
         let lists = self.lists(gpu, scene, &shown)?;
         let sorted = start.elapsed();
@@ -186,10 +193,15 @@ impl FrameResources {
         };
         let views: Vec<_> = shown.iter().map(|(view, _)| view).collect();
         let background = self.background(gpu, scene, target, (variant, &views));
-        let with = (found.clone(), scene.environment.as_deref());
+        let bindings = FrameBindings {
+            pipelines: found.clone(),
+            environment: scene.environment.as_deref(),
+            behind,
+            occlusion: occlusion.map(|drawn| drawn.binding(&shown)),
+        };
         let context = DrawContext {
-            shadows: shadows.groups.clone(),
-            ..self.context(gpu, with, scene, (views, behind), &lists)
+            shadows: groups.clone(),
+            ..self.context(gpu, bindings, scene, views, &lists)
         };
         let mut encoder = gpu
             .device
@@ -211,26 +223,17 @@ impl FrameResources {
             self.tonemap.encode(gpu, &mut encoder, target, (clear_display, tone), touched);
         }
         let submission = Submission::new(gpu, encoder);
-        let with = DrawnWith { pipelines: &found, variant, shadows: &shadows.groups };
         let glow = self.finish_glow(gpu, &with, (scene, target), &shown, (tone, &glow))?;
         let submission = glow.unwrap_or(submission);
         let encoded = start.elapsed();
         self.shrink();
         let occluded = hidden.map_or(0, |hidden| hidden.count);
-        let visible: u32 = lists.iter().map(|list| list.visible).sum();
         let stats = DrawStats {
-            triangles: lists.iter().map(|list| list.triangles).sum(),
-            draw_calls: lists.iter().map(|l| l.opaque.len() + l.transparent.len()).sum::<usize>()
-                as u32,
-            visible,
-            error_share: lists.iter().map(|list| list.error_share).fold(0.0, f32::max),
-            culled: (scene.layout.items.len() * lists.len()) as u32 - visible - occluded,
-            occluded,
-            shadow_maps: shadows.drawn,
+            shadow_maps: drawn,
             occlusion_us: us(search + searched),
             cull_us: us(cull + sorted.saturating_sub(searched)),
             encode_us: us(encoded.saturating_sub(sorted)),
-            gpu_us: 0,
+            ..counts(scene, &lists, occluded)
         };
         let begin = cull + search;
         Ok(SubmittedFrame { submission, stats, items, is_culling, begin, start })
@@ -321,7 +324,8 @@ impl FrameResources {
         gpu: &Gpu,
         (pipelines, shadows): (&Pipelines, &Shadows),
         scene: &GpuScene,
-        (target, tone, fog): (&Target, ToneMapper, bool),
+        target: &Target,
+        (tone, fog, ambient_occlusion): (ToneMapper, bool, bool),
     ) -> Result<(), DrawError> {
         let view = ViewDesc {
             eye_in_world: DVec3::ZERO,
@@ -334,6 +338,7 @@ impl FrameResources {
             tone,
             fog: None,
             glow: None,
+            ambient_occlusion: None,
             subset: SceneSubset::default(),
             allowed_error: AllowedError::NONE,
             has_shadows: false,
@@ -348,12 +353,17 @@ impl FrameResources {
             tone,
             environment,
             fog,
+            ambient_occlusion,
             is_light: target.is_linear(),
         };
         let background = self.background(gpu, scene, target, (variant, &[&view]));
-        let with = (ready(pipelines, scene, variant)?, scene.environment.as_deref());
-        let behind = self.behind_nothing(gpu, scene);
-        let mut context = self.context(gpu, with, scene, (vec![&view], behind), &lists);
+        let bindings = FrameBindings {
+            pipelines: ready(pipelines, scene, variant)?,
+            environment: scene.environment.as_deref(),
+            behind: self.behind_nothing(gpu, scene),
+            occlusion: ambient_occlusion.then(|| self.occlusion.none(gpu)),
+        };
+        let mut context = self.context(gpu, bindings, scene, vec![&view], &lists);
         // A multiple of what points, lines and triangles take.
         context.index_count_max = 6;
         context.shadows = shadows.none(gpu, scene);
@@ -366,85 +376,20 @@ impl FrameResources {
         self.tonemap.encode(gpu, &mut encoder, target, black, Some([0, 0, 1, 1]));
         Submission::new(gpu, encoder).wait(gpu).map(|_| ())
     }
+}
 
-    fn context<'a>(
-        &'a mut self,
-        gpu: &Gpu,
-        (pipelines, environment): (Vec<Option<&'a wgpu::RenderPipeline>>, Option<&Environment>),
-        scene: &'a GpuScene,
-        (views, behind): (Vec<&'a ViewDesc>, Option<BehindBinding>),
-        lists: &'a [DrawList],
-    ) -> DrawContext<'a> {
-        let uniform_size = uniform_stride(gpu, size_of::<FrameUniform>());
-        let lamp_count = scene.lamps().len().max(1);
-        let lamp_size = lamp_count * size_of::<LocalLightRecord>();
-        let alignment = gpu.device.limits().min_storage_buffer_offset_alignment as usize;
-        let lamp_stride = lamp_size.next_multiple_of(alignment);
-        let mut uniforms = vec![0; uniform_size * views.len().max(1)];
-        let mut lamps = vec![0; lamp_stride * views.len().max(1)];
-        for (index, view) in views.iter().enumerate() {
-            let part = scene.layout.tree.select(&view.subset);
-            let uniform = view.uniform(scene, part);
-            let bytes = bytemuck::bytes_of(&uniform);
-            uniforms[index * uniform_size..][..bytes.len()].copy_from_slice(bytes);
-            let eye = view.eye_in_world;
-            let record = |lamp| LocalLightRecord::new(lamp, eye, part);
-            let records: Vec<_> = scene.lamps().iter().map(record).collect();
-            let bytes = bytemuck::cast_slice(&records);
-            lamps[index * lamp_stride..][..bytes.len()].copy_from_slice(bytes);
-        }
-        let uniforms = self.uniforms.write(gpu, &uniforms);
-        let lamps = self.lamps.write(gpu, &lamps);
-        let part = |buffer, size: usize| {
-            let size = wgpu::BufferSize::new(size as u64);
-            wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size })
-        };
-        let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
-        let mut entries = vec![
-            entry(0, part(uniforms, size_of::<FrameUniform>())),
-            entry(1, part(lamps, lamp_size)),
-            entry(2, scene.lamp_indices.as_entire_binding()),
-            entry(3, wgpu::BindingResource::TextureView(&self.albedo)),
-            entry(4, wgpu::BindingResource::Sampler(&self.albedo_sampler)),
-        ];
-        let mut layout = &self.group_layout;
-        if let Some(environment) = environment {
-            let with = &mut self.environment_group_layout;
-            layout = with.get_or_insert_with(|| environment_frame_layout(&gpu.device));
-            entries.extend(environment.entries());
-        }
-        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("frame/group"),
-            layout,
-            entries: &entries,
-        });
-        let behind = behind.as_ref().map(|of| {
-            let (bytes, stride) = of.uniform_bytes(gpu);
-            let places = self.behind_uniforms.write(gpu, &bytes);
-            entries.push(entry(24, wgpu::BindingResource::TextureView(&of.view)));
-            entries.push(entry(25, part(places, size_of::<BehindUniform>())));
-            let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("frame/behind_group"),
-                layout: &behind_frame_layout(&gpu.device, environment.is_some()),
-                entries: &entries,
-            });
-            (group, stride as u32)
-        });
-        DrawContext {
-            scene,
-            pipelines,
-            has_materials: true,
-            views,
-            lists,
-            group,
-            behind,
-            shadows: Vec::new(),
-            instances: self.instances.write(gpu, bytemuck::cast_slice(&self.records)),
-            ordered_indices: self.ordered_indices.write_any(gpu, &self.scratch.ordered_indices),
-            uniform_stride: uniform_size as u32,
-            lamp_stride: lamp_stride as u32,
-            index_count_max: u32::MAX,
-        }
+/// What lists draw of a scene, without what is hidden.
+fn counts(scene: &GpuScene, lists: &[DrawList], occluded: u32) -> DrawStats {
+    let visible: u32 = lists.iter().map(|list| list.visible).sum();
+    let draw_calls = lists.iter().map(|list| list.opaque.len() + list.transparent.len());
+    DrawStats {
+        triangles: lists.iter().map(|list| list.triangles).sum(),
+        draw_calls: draw_calls.sum::<usize>() as u32,
+        visible,
+        error_share: lists.iter().map(|list| list.error_share).fold(0.0, f32::max),
+        culled: (scene.layout.items.len() * lists.len()) as u32 - visible - occluded,
+        occluded,
+        ..DrawStats::default()
     }
 }
 

@@ -121,6 +121,7 @@ impl LampMap {
             exposure: 1.0,
             fog: None,
             glow: None,
+            ambient_occlusion: None,
             tone: polyptych_scene::ToneMapper::default(),
             subset: camera.subset.clone(),
             // Levels of detail as the light sees them, whoever sees the shadow.

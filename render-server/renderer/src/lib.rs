@@ -12,7 +12,6 @@
 //! radiance 1, and exposure scales radiance before the tone mapping.
 
 mod albedo;
-mod behind_region;
 mod bindings;
 mod correction;
 mod cull;
@@ -23,6 +22,7 @@ mod frame;
 mod gpu;
 mod gpu_choice;
 mod grain_albedo;
+mod guarded_region;
 mod item_draws;
 mod lamp_map;
 mod light_meter;
@@ -32,6 +32,7 @@ mod output_texture;
 mod pass;
 mod pipeline;
 mod readback;
+mod region_group;
 mod scene;
 mod shader;
 mod shadow_cascades;
@@ -71,7 +72,7 @@ pub use view::{AllowedError, ViewDesc};
 use std::time::{Duration, Instant};
 
 use pipeline::PipelineVariant;
-use polyptych_scene::{Fog, Glow, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
 use polyptych_wall::ShadowFilter;
 
 /// Why a frame was not drawn.
@@ -163,6 +164,7 @@ pub struct Renderer {
     tone: ToneMapper,
     fog: Option<Fog>,
     glow: Option<Glow>,
+    ambient_occlusion: Option<AmbientOcclusion>,
 }
 
 impl Renderer {
@@ -190,6 +192,7 @@ impl Renderer {
             tone: ToneMapper::default(),
             fog: None,
             glow: None,
+            ambient_occlusion: None,
         })
     }
 
@@ -219,6 +222,11 @@ impl Renderer {
         self.glow
     }
 
+    /// The ambient occlusion of the last frame, as the tone mapper.
+    pub fn ambient_occlusion(&self) -> Option<AmbientOcclusion> {
+        self.ambient_occlusion
+    }
+
     /// Samples per pixel.
     pub fn samples(&self) -> u32 {
         self.samples
@@ -237,12 +245,17 @@ impl Renderer {
         let environment = scene.environment.is_some();
         let (tone, fog) = (self.tone, self.fog.is_some());
         let is_light = scene.needs_light(self.glow);
-        let variant = PipelineVariant { content, tone, environment, fog, is_light };
+        let ambient_occlusion = self.ambient_occlusion.is_some();
+        let variant =
+            PipelineVariant { content, tone, environment, fog, ambient_occlusion, is_light };
         self.pipelines.prepare(gpu, &scene.layout.keys, variant);
         if let Some(occluders) = &mut self.occluders {
             occluders.prepare(gpu, &scene.layout.keys);
         }
         self.shadows.prepare(gpu, scene);
+        if ambient_occlusion {
+            self.shadows.prepare_depths(gpu, scene);
+        }
         let warmed = Target::with_encoding(gpu, [1, 1], self.samples, is_light, content)
             .map_err(|error| error.to_string())
             .and_then(|target| {
@@ -250,7 +263,8 @@ impl Renderer {
                     gpu,
                     (&self.pipelines, &self.shadows),
                     scene,
-                    (&target, tone, fog),
+                    &target,
+                    (tone, fog, ambient_occlusion),
                 );
                 warmed.map_err(|error| error.to_string())
             });
@@ -317,7 +331,11 @@ impl Renderer {
     ) -> Result<SubmittedFrame, DrawError> {
         let variant = begun.variant(scene, target);
         (self.tone, self.fog, self.glow) = (variant.tone, begun.fog(), begun.glow());
+        self.ambient_occlusion = begun.ambient_occlusion();
         self.pipelines.prepare_look(gpu, &scene.layout.keys, variant);
+        if variant.ambient_occlusion {
+            self.shadows.prepare_depths(gpu, scene);
+        }
         let with = (&self.pipelines, self.occluders.as_ref(), &mut self.shadows);
         self.frames.submit(gpu, with, scene, target, begun)
     }

@@ -1,5 +1,6 @@
 //! The passes of a frame; each has its shader beside it.
 
+pub(crate) mod ambient_occlusion;
 pub(crate) mod background;
 pub(crate) mod behind;
 pub mod correct;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use polyptych_scene::{ToneMapper, Topology, VertexLayout};
 use polyptych_wall::ShadowFilter;
 
-use super::bindings;
+use super::bindings::{self, FrameExtras};
 use super::gpu::Gpu;
 use super::output_texture::ImageEncoding;
 use super::pass::{opaque, transparent};
@@ -85,37 +85,64 @@ pub(crate) struct PipelineVariant {
     pub environment: bool,
     /// Fog lies between the eye and what it sees.
     pub fog: bool,
+    /// Corners and gaps get less of the light from all around.
+    pub ambient_occlusion: bool,
     /// Into the float target, whatever the scene does.
     pub is_light: bool,
 }
 
-/// A pipeline of a key: float target, tone mapper, environment, fog.
-type Built = (bool, ToneMapper, bool, bool);
+/// What a pipeline of a key has of a variant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Built {
+    /// Into a float target.
+    is_float: bool,
+    tone: ToneMapper,
+    environment: bool,
+    fog: bool,
+    ambient_occlusion: bool,
+}
 
 /// The optional bindings of a pipeline, beside those that all have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct LayoutKey {
-    has_environment: bool,
+    frame: FrameExtras,
     has_shadows: bool,
     has_lamp_shadows: bool,
     has_extensions: bool,
     has_grain: bool,
-    has_behind: bool,
+}
+
+impl PipelineVariant {
+    /// What group 0 has for it, beside what is behind surfaces.
+    pub fn frame_extras(self) -> FrameExtras {
+        let Self { environment, ambient_occlusion, .. } = self;
+        FrameExtras { environment, behind: false, occlusion: ambient_occlusion }
+    }
+
+    /// The same with each look that a frame may bring.
+    fn looks(self) -> impl Iterator<Item = Self> {
+        ToneMapper::ALL.into_iter().flat_map(move |tone| {
+            (0..8).map(move |bits| Self {
+                tone,
+                fog: bits & 1 != 0,
+                ambient_occlusion: bits & 2 != 0,
+                is_light: bits & 4 != 0,
+                ..self
+            })
+        })
+    }
 }
 
 impl PipelineKey {
-    fn layout_key(&self, has_environment: bool) -> LayoutKey {
-        let has_extensions = !self.material.extensions.set.is_empty();
-        let (has_shadows, has_behind) = (self.has_shadows(), self.transmits());
-        let has_lamp_shadows = has_shadows && self.lamp_shadows;
-        let has_grain = self.material.extensions.has_grain;
+    fn layout_key(&self, built: Built) -> LayoutKey {
+        let Built { environment, ambient_occlusion: occlusion, .. } = built;
+        let has_shadows = self.has_shadows();
         LayoutKey {
-            has_environment,
+            frame: FrameExtras { environment, behind: self.transmits(), occlusion },
             has_shadows,
-            has_lamp_shadows,
-            has_extensions,
-            has_grain,
-            has_behind,
+            has_lamp_shadows: has_shadows && self.lamp_shadows,
+            has_extensions: !self.material.extensions.set.is_empty(),
+            has_grain: self.material.extensions.has_grain,
         }
     }
 
@@ -135,10 +162,12 @@ impl PipelineKey {
         let is_mixed = self.material.highlighted || (variant.fog && !self.material.lit);
         let is_mapped = !self.linear || is_mixed;
         let tone = if is_mapped { variant.tone } else { ToneMapper::default() };
-        (is_float(self, variant.content), tone, variant.environment, variant.fog)
+        let is_float = is_float(self, variant.content);
+        let PipelineVariant { environment, fog, ambient_occlusion, .. } = variant;
+        Built { is_float, tone, environment, fog, ambient_occlusion }
     }
 
-    fn interface(&self, has_environment: bool, fog: bool) -> Interface {
+    fn interface(&self, built: Built) -> Interface {
         let m = &self.material;
         let slots = [m.base_color, m.metallic_roughness, m.normal, m.occlusion, m.emissive];
         let has = |slot| slots.contains(&slot) || m.extensions.coordinates.contains(&slot);
@@ -148,7 +177,6 @@ impl PipelineKey {
             uv1: has(TextureSlot::Uv1),
             color: self.layout.color,
         };
-        let environment = has_environment && m.lit;
         let (lamps, shadows) = (self.lamps && m.lit, self.has_shadows() && m.lit);
         Interface {
             attributes,
@@ -156,8 +184,9 @@ impl PipelineKey {
             lamps,
             shadows,
             lamp_shadows: shadows && self.lamp_shadows,
-            environment,
-            fog,
+            environment: built.environment && m.lit,
+            fog: built.fog,
+            ambient_occlusion: built.ambient_occlusion && m.lit,
             extensions: m.extensions.set,
         }
     }
@@ -238,7 +267,7 @@ impl Pipelines {
         for key in &keys.iter().map(|key| self.filtered(key, variant)).collect::<Vec<_>>() {
             let built = key.built(variant);
             if !self.ready.contains_key(&(*key, built)) {
-                let of = key.layout_key(variant.environment);
+                let of = key.layout_key(built);
                 self.layouts.entry(of).or_insert_with(|| pipeline_layout(gpu, of));
                 let pipeline = self.build(gpu, key, built);
                 self.ready.insert((*key, built), pipeline);
@@ -252,16 +281,11 @@ impl Pipelines {
         PipelineKey { shadows, linear: key.linear || variant.is_light, ..*key }
     }
 
-    /// Makes what is missing for another tone mapper, fog or glow, if the scene was prepared for
-    /// one: a frame brings them, and a state only what stays.
+    /// Makes what is missing for another look (tone mapper, fog, ambient occlusion or glow), if the
+    /// scene was prepared for one: a frame brings them, and a state only what stays.
     pub fn prepare_look(&mut self, gpu: &Gpu, keys: &[PipelineKey], variant: PipelineVariant) {
-        let is_ready = |(tone, fog, is_light)| {
-            let variant = PipelineVariant { tone, fog, is_light, ..variant };
-            keys.iter().all(|key| self.get(key, variant).is_some())
-        };
-        let looks = ToneMapper::ALL.into_iter().flat_map(|tone| [(tone, false), (tone, true)]);
-        let mut looks = looks.flat_map(|(tone, fog)| [(tone, fog, false), (tone, fog, true)]);
-        if !is_ready((variant.tone, variant.fog, variant.is_light)) && looks.any(is_ready) {
+        let is_ready = |variant| keys.iter().all(|key| self.get(key, variant).is_some());
+        if !is_ready(variant) && variant.looks().any(is_ready) {
             self.prepare(gpu, keys, variant);
         }
     }
@@ -276,10 +300,10 @@ impl Pipelines {
     }
 
     fn build(&mut self, gpu: &Gpu, key: &PipelineKey, built: Built) -> wgpu::RenderPipeline {
-        let (is_float, tone, has_environment, has_fog) = built;
+        let Built { is_float, tone, .. } = built;
         let blended = key.material.alpha == Alpha::Blend;
-        let interface = key.interface(has_environment, has_fog);
-        let layout = self.layouts.get(&key.layout_key(has_environment));
+        let interface = key.interface(built);
+        let layout = self.layouts.get(&key.layout_key(built));
         let pass = if blended { transparent::SOURCE } else { opaque::SOURCE };
         let module = self.modules.entry((interface, blended)).or_insert_with(|| {
             gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -342,13 +366,7 @@ impl Pipelines {
 
 fn pipeline_layout(gpu: &Gpu, of: LayoutKey) -> wgpu::PipelineLayout {
     let material = bindings::material_layout(&gpu.device);
-    let frame = if of.has_behind {
-        bindings::behind_frame_layout(&gpu.device, of.has_environment)
-    } else if of.has_environment {
-        bindings::environment_frame_layout(&gpu.device)
-    } else {
-        bindings::frame_layout(&gpu.device)
-    };
+    let frame = bindings::frame_layout(&gpu.device, of.frame);
     let shadow = of.has_shadows.then(|| bindings::shadow_layout(&gpu.device, of.has_lamp_shadows));
     let extension =
         of.has_extensions.then(|| bindings::extension_layout(&gpu.device, of.has_grain));

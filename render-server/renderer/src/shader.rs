@@ -23,6 +23,7 @@ fn sun_visibility(sun: u32, position: vec3<f32>, normal: vec3<f32>) -> f32 {
     return 1.0;
 }
 ";
+const AMBIENT_OCCLUSION: &str = include_str!("include/ambient_occlusion.wgsl");
 const FOG: &str = include_str!("include/fog.wgsl");
 const SURFACE: &str = include_str!("include/surface.wgsl");
 const ENVIRONMENT: &str = include_str!("include/environment.wgsl");
@@ -48,6 +49,8 @@ pub(crate) struct Interface {
     pub environment: bool,
     /// Fog lies between the eye and what it sees.
     pub fog: bool,
+    /// A map has the part of the light from all around that gets to a place.
+    pub ambient_occlusion: bool,
     /// The extensions of the material.
     pub extensions: ExtensionSet,
 }
@@ -115,6 +118,7 @@ impl Interface {
             "lit" => self.lit,
             "placed" => self.lit || self.fog,
             "fog" => self.fog,
+            "ambient_occlusion" => self.ambient_occlusion,
             "tangent" => self.attributes.tangent,
             "uv0" => self.attributes.uv0,
             "uv1" => self.attributes.uv1,
@@ -185,7 +189,9 @@ pub(crate) fn surface(interface: Interface, pass: &str) -> String {
     let light = &interface.select(light);
     let extension = interface.select(&interface.extensions.text());
     let fog = if interface.fog { FOG } else { "" };
-    [FRAME, map, &vertex, MATERIAL, &extension, &shadow, fog, &surface, light, TONE, pass].concat()
+    let occlusion = if interface.ambient_occlusion { AMBIENT_OCCLUSION } else { "" };
+    let before = [FRAME, map, &vertex, MATERIAL, &extension, &shadow, fog, occlusion];
+    [&before.concat()[..], &surface, light, TONE, pass].concat()
 }
 
 /// A pass over the pixels behind everything, which show an environment, or the sky behind fog.

@@ -166,6 +166,7 @@ impl Cascade {
             exposure: 1.0,
             fog: None,
             glow: None,
+            ambient_occlusion: None,
             tone: polyptych_scene::ToneMapper::default(),
             subset: camera.subset.clone(),
             allowed_error: AllowedError::NONE,

@@ -1,5 +1,6 @@
 //! Tests that draw. They need a Vulkan or GL driver, software ones included, and fail without.
 
+mod ambient_occlusion;
 mod anisotropy;
 mod changed_looks;
 mod correction;

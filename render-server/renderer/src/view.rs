@@ -2,9 +2,10 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
-use polyptych_scene::{Fog, Glow, SceneSubset, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, Fog, Glow, SceneSubset, ToneMapper};
 
 use super::cull::FrustumPlanes;
+use super::pass::ambient_occlusion::OcclusionPlace;
 use super::scene::{Bounds, GpuScene, LampGrid, LocalLight, Selection};
 
 /// Directional lights in the uniforms; further ones are looked up like lamps.
@@ -57,6 +58,8 @@ pub struct ViewDesc {
     pub fog: Option<Fog>,
     /// Light that spreads around what is bright; none where rays are parallel.
     pub glow: Option<Glow>,
+    /// Corners and gaps get less of the light from all around.
+    pub ambient_occlusion: Option<AmbientOcclusion>,
     /// The part of the scene that it shows.
     pub subset: SceneSubset,
     /// The error up to which coarser levels of detail are drawn.
@@ -101,6 +104,7 @@ pub(crate) struct FrameUniform {
     pub cells_per_unit: f32,
     pub lamp_cells: [u32; 3],
     pub surroundings: f32,
+    pub occlusion: OcclusionPlace,
     pub suns: [DirectionalLightRecord; SUNS_MAX],
 }
 
@@ -171,6 +175,12 @@ impl ViewDesc {
         -self.view_from_world.row(2).normalize_or(DVec3::Z)
     }
 
+    /// The eye relative to itself: the origin, or with w = 0 the direction to it where all rays are
+    /// parallel.
+    pub(crate) fn homogeneous_eye(&self) -> Vec4 {
+        if self.is_parallel() { (-self.forward()).as_vec3().extend(0.0) } else { Vec4::W }
+    }
+
     /// Returns the distance of a box for the order of drawing, to its centre or to its nearest
     /// point. The distance to an eye is squared; for parallel rays it is the depth, which may be
     /// negative.
@@ -232,8 +242,6 @@ impl ViewDesc {
             record.toward = sun.toward.to_array();
             record.irradiance = sun.on.color_in(sun.irradiance, part).to_array();
         }
-        let eye =
-            if self.is_parallel() { (-self.forward()).as_vec3().extend(0.0) } else { Vec4::W };
         let clip_from_eye: Mat4 = self.scaled_clip_from_eye().as_mat4();
         let fog = self.fog.filter(|_| !self.is_parallel());
         let color = fog.map_or(Vec3::ZERO, |fog| fog.color.into());
@@ -248,12 +256,13 @@ impl ViewDesc {
             exposure: self.exposure,
             ground: scene.layout.ground.to_array(),
             fog_fall: fog.map_or(0.0, |fog| fog.fall()) as f32,
-            eye: eye.to_array(),
+            eye: self.homogeneous_eye().to_array(),
             fog: (color * scene.scattered(part)).extend(fog_log as f32).to_array(),
             lamp_origin: grid.map_or(Vec3::ZERO, from_eye).to_array(),
             cells_per_unit: grid.map_or(0.0, |grid| grid.side.recip() as f32),
             lamp_cells: grid.map_or([0; 3], |grid| grid.cells.to_array()),
             surroundings: scene.surroundings_scale(),
+            occlusion: OcclusionPlace::default(),
             suns,
         }
     }
@@ -312,6 +321,9 @@ impl ViewDesc {
             return Some(fault);
         }
         if let Some(fault) = self.glow.and_then(|glow| glow.fault()) {
+            return Some(fault);
+        }
+        if let Some(fault) = self.ambient_occlusion.and_then(|of| of.fault()) {
             return Some(fault);
         }
         let AllowedError { angle_rad, length, eye_offset, pixel } = self.allowed_error;

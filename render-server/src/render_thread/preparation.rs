@@ -155,6 +155,7 @@ impl RenderThread {
                 tone: self.renderer.tone(),
                 fog: self.renderer.fog(),
                 glow: self.renderer.glow(),
+                ambient_occlusion: self.renderer.ambient_occlusion(),
                 ..Presentation::new(wall.head())
             },
             capture: false,

@@ -4,7 +4,7 @@ use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Pacing, Request, RequestError, Response};
 use polyptych_scene::limits::NODE_NAME_BYTES_MAX;
-use polyptych_scene::{Fog, Glow};
+use polyptych_scene::{AmbientOcclusion, Fog, Glow};
 use polyptych_wall::limits::PATH_BYTES_MAX;
 use tracing::Level;
 
@@ -75,7 +75,8 @@ impl Cluster {
             Request::SetExposure(_)
             | Request::SetTone(_)
             | Request::SetFog(_)
-            | Request::SetGlow(_) => {
+            | Request::SetGlow(_)
+            | Request::SetAmbientOcclusion(_) => {
                 self.set_look(&request)?;
             }
             Request::SetAutomaticExposure => self.set_automatic_exposure(now),
@@ -185,6 +186,7 @@ impl Cluster {
             Request::SetTone(tone) => self.presentation.tone = tone,
             Request::SetFog(fog) => self.set_fog(fog)?,
             Request::SetGlow(glow) => self.set_glow(glow)?,
+            Request::SetAmbientOcclusion(occlusion) => self.set_ambient_occlusion(occlusion)?,
             _ => {}
         }
         Ok(())
@@ -203,6 +205,14 @@ impl Cluster {
             return Err(fault);
         }
         self.presentation.glow = glow;
+        Ok(())
+    }
+
+    fn set_ambient_occlusion(&mut self, of: Option<AmbientOcclusion>) -> Result<(), String> {
+        if let Some(fault) = of.and_then(|of| of.fault()) {
+            return Err(fault);
+        }
+        self.presentation.ambient_occlusion = of;
         Ok(())
     }
 

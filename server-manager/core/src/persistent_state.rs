@@ -174,6 +174,7 @@ impl Cluster {
             is_exposure_automatic,
             fog,
             glow,
+            ambient_occlusion,
             // It ends with the alignment that set it.
             marker: _,
         } = memory.presentation;
@@ -189,9 +190,10 @@ impl Cluster {
         self.presentation.output_mode = output_mode;
         self.presentation.pattern = pattern;
         self.presentation.tone = tone;
-        // A fog or glow that a client could not set is left out.
+        // What a client could not set is left out.
         self.presentation.fog = fog.filter(|fog| fog.fault().is_none());
         self.presentation.glow = glow.filter(|glow| glow.fault().is_none());
+        self.presentation.ambient_occlusion = ambient_occlusion.filter(|of| of.fault().is_none());
         let head = self.place_head(head.into()).map_err(|reason| format!("the head: {reason}"));
         let views = self.set_views(views.clone()).map_err(|reason| format!("views: {reason}"));
         let bounds = self.set_bounds(bounds).map_err(|reason| format!("the bounds: {reason}"));

@@ -101,6 +101,7 @@ fn is_use(request: &Request) -> bool {
         | Request::SetTone(_)
         | Request::SetFog(_)
         | Request::SetGlow(_)
+        | Request::SetAmbientOcclusion(_)
         | Request::SetAutomaticExposure => true,
         _ => false,
     }

@@ -86,9 +86,12 @@ pub(super) fn of_request(request: &Request) -> String {
         Request::SetBounds(QualityBounds { error_px, rate_fps: Some(rate) }) => {
             format!("{name} to {error_px} pixels and {rate} frames per second")
         }
-        Request::SetFog(None) | Request::SetGlow(None) => format!("{name} to none"),
+        Request::SetFog(None) | Request::SetGlow(None) | Request::SetAmbientOcclusion(None) => {
+            format!("{name} to none")
+        }
         Request::SetFog(Some(fog)) => format!("{name} to a visibility of {}", fog.visibility),
         Request::SetGlow(Some(glow)) => format!("{name} to a strength of {}", glow.strength),
+        Request::SetAmbientOcclusion(Some(of)) => format!("{name} to a radius of {}", of.radius),
         Request::SetTone(tone) => format!("{name} to {}", tone.name()),
         Request::SetEnvironment(EnvironmentSource::Baked(of)) => {
             format!("{name} to {}", text(&of.name))

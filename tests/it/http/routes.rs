@@ -250,6 +250,8 @@ fn check_presentation(page: &Page) {
     page.route("PUT", "/tone", &[], Some(json!({ "tone": "Aces" }))).value();
     page.route("PUT", "/fog", &[], Some(json!({ "fog": null }))).value();
     page.route("PUT", "/glow", &[], Some(json!({ "glow": null }))).value();
+    let none = json!({ "ambient_occlusion": null });
+    page.route("PUT", "/ambient_occlusion", &[], Some(none)).value();
     let bounds = json!({ "error_px": 0.5, "rate_fps": null });
     page.route("PUT", "/bounds", &[], Some(bounds)).value();
     page.ask("PUT", "/bounds", Some(&json!({ "error_px": 1e308, "rate_fps": null })))

@@ -132,6 +132,9 @@ fn of_displays(client: &Client, name: &str, given: &Arguments<'_>) -> Option<Ans
         "set_tone" => answer(client.set_tone(given.of("tone"))),
         "set_fog" => answer(client.set_fog(given.of("fog"))),
         "set_glow" => answer(client.set_glow(given.of("glow"))),
+        "set_ambient_occlusion" => {
+            answer(client.set_ambient_occlusion(given.of("ambient_occlusion")))
+        }
         "set_bounds" => answer(client.set_bounds(given.of("bounds"))),
         "calibrate" => answer(client.calibrate(given.of::<String>("channel"), given.of("changes"))),
         _ => return None,

@@ -5,7 +5,7 @@ use polyptych_protocol::environment::{Environment, EnvironmentSource};
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::luminance::{FrameLuminance, LUMINANCE_COUNTS};
 use polyptych_protocol::request::Request;
-use polyptych_scene::{Fog, Glow, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
 use polyptych_wall::ChannelId;
 
 use super::messages::EPOCH;
@@ -28,6 +28,8 @@ pub fn lights() -> impl Iterator<Item = Request> {
         Request::SetFog(Some(fog())),
         Request::SetGlow(None),
         Request::SetGlow(Some(Glow { strength: 0.125, width_degrees: 2.5 })),
+        Request::SetAmbientOcclusion(None),
+        Request::SetAmbientOcclusion(Some(AmbientOcclusion { radius: 0.75 })),
     ])
 }
 

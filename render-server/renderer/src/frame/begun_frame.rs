@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
-use polyptych_scene::{Fog, Glow, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
 
 use super::hidden_items::OccluderDepths;
 use super::submission::Submission;
@@ -44,7 +44,7 @@ impl BegunFrame {
     /// Returns this frame as light before tone mapping, 0 where nothing is drawn.
     pub(crate) fn of_light(mut self) -> Self {
         for (view, _) in &mut self.shown {
-            view.glow = None;
+            (view.glow, view.ambient_occlusion) = (None, None);
         }
         Self { sky: Vec3::ZERO, ..self }
     }
@@ -59,6 +59,11 @@ impl BegunFrame {
         self.shown.iter().find_map(|(view, _)| view.glow)
     }
 
+    /// The ambient occlusion of its views.
+    pub(crate) fn ambient_occlusion(&self) -> Option<AmbientOcclusion> {
+        self.shown.iter().find_map(|(view, _)| view.ambient_occlusion)
+    }
+
     /// The pipelines that it needs for a scene, onto a target.
     pub(crate) fn variant(&self, scene: &GpuScene, target: &Target) -> PipelineVariant {
         PipelineVariant {
@@ -66,6 +71,7 @@ impl BegunFrame {
             tone: self.tone,
             environment: scene.environment.is_some(),
             fog: self.fog.is_some(),
+            ambient_occlusion: self.ambient_occlusion().is_some(),
             is_light: target.is_linear(),
         }
     }

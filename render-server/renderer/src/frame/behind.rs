@@ -1,13 +1,15 @@
 //! Pictures of what is behind surfaces that transmit light, drawn before the frame that shows them.
 
+use super::ambient_occlusion::{DrawnOcclusion, OcclusionBinding};
 use super::begun_frame::ShownView;
+use super::draw_context::FrameBindings;
 use super::submission::Submission;
 use super::{DrawContext, FrameResources, check_records, sky};
 use crate::DrawError;
-use crate::behind_region::{BehindRegion, BehindUniform, pack};
 use crate::bindings::uniform_stride;
 use crate::draw_list::{DrawList, VisibleItems, touched};
 use crate::gpu::Gpu;
+use crate::guarded_region::{BehindUniform, GuardedRegion, pack};
 use crate::pass::behind::{BehindPass, BehindTexture};
 use crate::pass::tonemap::light_color;
 use crate::pass::{opaque, transparent};
@@ -53,6 +55,16 @@ pub(super) struct DrawnWith<'a> {
     pub variant: PipelineVariant,
     /// The bindings of each view; empty where no light casts shadows.
     pub shadows: &'a [wgpu::BindGroup],
+    /// `None` without any.
+    pub occlusion: Option<&'a DrawnOcclusion>,
+}
+
+/// The pictures of all views, and the ambient occlusion of each.
+pub(super) struct PicturesOf<'a> {
+    pub shown: &'a [ShownView],
+    /// By view.
+    pub regions: &'a [Vec<GuardedRegion>],
+    pub occlusion: Option<OcclusionBinding>,
 }
 
 impl FrameResources {
@@ -67,9 +79,8 @@ impl FrameResources {
         with: &DrawnWith<'_>,
         scene: &GpuScene,
         target: &Target,
-        shown: &[ShownView],
+        (shown, mut regions): (&[ShownView], Vec<Vec<GuardedRegion>>),
     ) -> Result<Option<BehindBinding>, DrawError> {
-        let mut regions = planned(scene, shown);
         if regions.iter().all(Vec::is_empty) {
             self.behind.age();
             return Ok(None);
@@ -82,7 +93,8 @@ impl FrameResources {
         let texture = self.behind.texture(gpu, (sides, target.samples()));
         let onto = (&texture, sides);
         let is_opaque = |item| !scene.batch_of(item).blended;
-        let of = (shown, &*regions);
+        let occlusion = with.occlusion.map(|drawn| drawn.binding_of(shown, &regions));
+        let of = PicturesOf { shown, regions: &regions, occlusion };
         let encoder = self.draw_pictures(gpu, with, (scene, target), of, onto, is_opaque)?;
         let view = self.behind.finish(gpu, encoder, texture, sides, |_, _| ());
         let uniform = |(of, regions): (&ShownView, &Vec<_>)| BehindUniform::new(&of.0, regions);
@@ -100,10 +112,11 @@ impl FrameResources {
         gpu: &Gpu,
         with: &DrawnWith<'_>,
         (scene, target): (&GpuScene, &Target),
-        (shown, regions): (&[ShownView], &[Vec<BehindRegion>]),
+        of: PicturesOf<'_>,
         (texture, sides): (&BehindTexture, [u32; 2]),
         is_drawn: impl Fn(u32) -> bool,
     ) -> Result<wgpu::CommandEncoder, DrawError> {
+        let PicturesOf { shown, regions, occlusion } = of;
         let (mut views, mut shadows) = (Vec::new(), Vec::new());
         for (index, (of, regions)) in shown.iter().zip(regions).enumerate() {
             views.extend(regions.iter().map(|region| region.view(&of.0)));
@@ -113,9 +126,13 @@ impl FrameResources {
         let views: Vec<&ViewDesc> = views.iter().collect();
         let lists = self.lists_of_pictures(gpu, scene, &views, sides, is_drawn)?;
         let background = self.background(gpu, scene, target, (with.variant, &views));
-        let with = (with.pipelines.to_vec(), scene.environment.as_deref());
-        let context =
-            DrawContext { shadows, ..self.context(gpu, with, scene, (views, None), &lists) };
+        let bindings = FrameBindings {
+            pipelines: with.pipelines.to_vec(),
+            environment: scene.environment.as_deref(),
+            behind: None,
+            occlusion,
+        };
+        let context = DrawContext { shadows, ..self.context(gpu, bindings, scene, views, &lists) };
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("behind") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
         let exposure = shown.first().map_or(1.0, |(view, _)| view.exposure);
@@ -165,7 +182,7 @@ impl FrameResources {
 }
 
 /// Returns the pictures that each view needs.
-fn planned(scene: &GpuScene, shown: &[ShownView]) -> Vec<Vec<BehindRegion>> {
+pub(super) fn planned(scene: &GpuScene, shown: &[ShownView]) -> Vec<Vec<GuardedRegion>> {
     if !scene.layout.keys.iter().any(PipelineKey::transmits) {
         return vec![Vec::new(); shown.len()];
     }
@@ -176,14 +193,14 @@ fn planned(scene: &GpuScene, shown: &[ShownView]) -> Vec<Vec<BehindRegion>> {
         };
         let items: Vec<u32> = visible.items.iter().copied().filter(transmits).collect();
         let touched = touched(scene, view, visible.rectangle, &items);
-        touched.map_or_else(Vec::new, |rectangle| BehindRegion::of_view(view, rectangle))
+        touched.map_or_else(Vec::new, |rectangle| GuardedRegion::of_view(view, rectangle))
     };
     shown.iter().map(of_view).collect()
 }
 
 /// Places all pictures, or only the wide ones if there is no room for the sharp ones: a frame that
 /// is less sharp behind glass is better than none.
-fn packed(regions: &mut [Vec<BehindRegion>], side_max: u32) -> Option<[u32; 2]> {
+fn packed(regions: &mut [Vec<GuardedRegion>], side_max: u32) -> Option<[u32; 2]> {
     pack(regions.iter_mut().flatten(), side_max).or_else(|| {
         for of_view in &mut *regions {
             of_view.drain(..of_view.len().saturating_sub(1));

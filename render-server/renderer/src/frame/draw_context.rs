@@ -1,8 +1,25 @@
 //! All that passes over a scene draw with.
 
+use super::FrameResources;
+use super::ambient_occlusion::OcclusionBinding;
+use super::behind::BehindBinding;
+use crate::bindings::{FrameExtras, frame_layout, uniform_stride};
 use crate::draw_list::{Draw, DrawList};
+use crate::environment::Environment;
+use crate::gpu::Gpu;
+use crate::guarded_region::BehindUniform;
 use crate::scene::GpuScene;
-use crate::view::ViewDesc;
+use crate::view::{FrameUniform, LocalLightRecord, ViewDesc};
+
+/// The pipelines of a pass over a scene, and what they read beside it.
+#[derive(Default)]
+pub(super) struct FrameBindings<'a> {
+    /// In the order of the scene's keys; what has none is not drawn.
+    pub pipelines: Vec<Option<&'a wgpu::RenderPipeline>>,
+    pub environment: Option<&'a Environment>,
+    pub behind: Option<BehindBinding>,
+    pub occlusion: Option<OcclusionBinding>,
+}
 
 /// All that passes over a scene draw with.
 pub(crate) struct DrawContext<'a> {
@@ -25,6 +42,89 @@ pub(crate) struct DrawContext<'a> {
     pub(super) lamp_stride: u32,
     /// No more indices of a geometry than this are drawn.
     pub(super) index_count_max: u32,
+}
+
+impl FrameResources {
+    /// Writes what the views of a pass over a scene need, and binds it.
+    pub(super) fn context<'a>(
+        &'a mut self,
+        gpu: &Gpu,
+        bindings: FrameBindings<'a>,
+        scene: &'a GpuScene,
+        views: Vec<&'a ViewDesc>,
+        lists: &'a [DrawList],
+    ) -> DrawContext<'a> {
+        let FrameBindings { pipelines, environment, behind, occlusion } = bindings;
+        let uniform_size = uniform_stride(gpu, size_of::<FrameUniform>());
+        let lamp_count = scene.lamps().len().max(1);
+        let lamp_size = lamp_count * size_of::<LocalLightRecord>();
+        let alignment = gpu.device.limits().min_storage_buffer_offset_alignment as usize;
+        let lamp_stride = lamp_size.next_multiple_of(alignment);
+        let mut uniforms = vec![0; uniform_size * views.len().max(1)];
+        let mut lamps = vec![0; lamp_stride * views.len().max(1)];
+        for (index, view) in views.iter().enumerate() {
+            let part = scene.layout.tree.select(&view.subset);
+            let mut uniform = view.uniform(scene, part);
+            let place = occlusion.as_ref().and_then(|of| of.places.get(index));
+            uniform.occlusion = place.copied().unwrap_or_default();
+            let bytes = bytemuck::bytes_of(&uniform);
+            uniforms[index * uniform_size..][..bytes.len()].copy_from_slice(bytes);
+            let eye = view.eye_in_world;
+            let record = |lamp| LocalLightRecord::new(lamp, eye, part);
+            let records: Vec<_> = scene.lamps().iter().map(record).collect();
+            let bytes = bytemuck::cast_slice(&records);
+            lamps[index * lamp_stride..][..bytes.len()].copy_from_slice(bytes);
+        }
+        let uniforms = self.uniforms.write(gpu, &uniforms);
+        let lamps = self.lamps.write(gpu, &lamps);
+        let part = |buffer, size: usize| {
+            let size = wgpu::BufferSize::new(size as u64);
+            wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size })
+        };
+        let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
+        let mut entries = vec![
+            entry(0, part(uniforms, size_of::<FrameUniform>())),
+            entry(1, part(lamps, lamp_size)),
+            entry(2, scene.lamp_indices.as_entire_binding()),
+            entry(3, wgpu::BindingResource::TextureView(&self.albedo)),
+            entry(4, wgpu::BindingResource::Sampler(&self.albedo_sampler)),
+        ];
+        let has = (environment.is_some(), occlusion.is_some());
+        let mut extras = FrameExtras { environment: has.0, behind: false, occlusion: has.1 };
+        entries.extend(environment.iter().flat_map(|of| of.entries()));
+        if let Some(of) = &occlusion {
+            entries.push(entry(26, wgpu::BindingResource::TextureView(&of.map)));
+        }
+        let group = |extras, entries: &[wgpu::BindGroupEntry<'_>]| {
+            let layout = &frame_layout(&gpu.device, extras);
+            let label = Some("frame/group");
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout, entries })
+        };
+        let whole = group(extras, &entries);
+        let behind = behind.as_ref().map(|of| {
+            let (bytes, stride) = of.uniform_bytes(gpu);
+            let places = self.behind_uniforms.write(gpu, &bytes);
+            entries.push(entry(24, wgpu::BindingResource::TextureView(&of.view)));
+            entries.push(entry(25, part(places, size_of::<BehindUniform>())));
+            extras.behind = true;
+            (group(extras, &entries), stride as u32)
+        });
+        DrawContext {
+            scene,
+            pipelines,
+            has_materials: true,
+            views,
+            lists,
+            group: whole,
+            behind,
+            shadows: Vec::new(),
+            instances: self.instances.write(gpu, bytemuck::cast_slice(&self.records)),
+            ordered_indices: self.ordered_indices.write_any(gpu, &self.scratch.ordered_indices),
+            uniform_stride: uniform_size as u32,
+            lamp_stride: lamp_stride as u32,
+            index_count_max: u32::MAX,
+        }
+    }
 }
 
 impl DrawContext<'_> {

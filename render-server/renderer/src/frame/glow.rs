@@ -1,19 +1,18 @@
 //! The pictures whose light spreads, and the frame that it glows over.
 
-use std::ops::Range;
-
 use polyptych_scene::{GLOW_OCTAVES, Glow, ToneMapper};
 
 use super::FrameResources;
 use super::begun_frame::ShownView;
-use super::behind::{BehindPictures, DrawnWith};
+use super::behind::{BehindPictures, DrawnWith, PicturesOf};
 use super::frame_buffer::FrameBuffer;
 use super::submission::Submission;
 use crate::DrawError;
-use crate::behind_region::{BehindRegion, LEVELS, TEXELS_MAX, pack};
 use crate::bindings::uniform_stride;
 use crate::gpu::Gpu;
+use crate::guarded_region::{GuardedRegion, LEVELS};
 use crate::pass::glow::{GlowPass, GlowUniform, SpreadPart};
+use crate::region_group::RegionGroup;
 use crate::scene::GpuScene;
 use crate::target::Target;
 use crate::view::ViewDesc;
@@ -33,15 +32,6 @@ impl Default for GlowPictures {
     }
 }
 
-/// The views of a frame, some after the other, whose pictures have room in one texture.
-#[derive(Debug)]
-struct GlowGroup {
-    views: Range<usize>,
-    /// By view; `None` for one that does not glow.
-    regions: Vec<Option<BehindRegion>>,
-    sides: [u32; 2],
-}
-
 /// The light that spread, and for each view the rectangle that it shows and its uniform.
 #[derive(Debug)]
 pub(super) struct SpreadLight {
@@ -49,45 +39,18 @@ pub(super) struct SpreadLight {
     views: Vec<([u32; 4], GlowUniform)>,
 }
 
-impl GlowGroup {
-    /// Divides the views of a frame into groups of up to [`TEXELS_MAX`] texels in textures of sides
-    /// up to `side_max`; a view alone may have more. None if no view glows.
-    fn of_frame(shown: &[ShownView], side_max: u32) -> Vec<Self> {
-        let region = |(view, visible): &ShownView| {
-            let glows = view.glow.is_some() && !view.is_parallel();
-            glows.then(|| BehindRegion::of_glow(view, visible.rectangle))
-        };
-        let mut groups: Vec<Self> = Vec::new();
-        for (index, region) in shown.iter().map(region).enumerate() {
-            if !groups.last_mut().is_some_and(|group| group.add(region, side_max)) {
-                let mut group = Self { views: index..index, regions: Vec::new(), sides: [0, 0] };
-                group.add(region, side_max);
-                groups.push(group);
-            }
-        }
-        groups.retain(|group| group.sides != [0, 0]);
-        groups
-    }
-
-    /// Takes the next view, unless others glow and it has no room beside them.
-    fn add(&mut self, region: Option<BehindRegion>, side_max: u32) -> bool {
-        let mut all = self.regions.clone();
-        all.push(region);
-        let texels = all.iter().flatten().map(|of| u64::from(of.size[0]) * u64::from(of.size[1]));
-        let is_small = texels.sum::<u64>() <= TEXELS_MAX || self.sides == [0, 0];
-        let Some(sides) = pack(all.iter_mut().flatten(), side_max).filter(|_| is_small) else {
-            return false;
-        };
-        (self.regions, self.sides) = (all, sides);
-        self.views.end += 1;
-        true
-    }
+/// The region of each view that glows.
+fn regions(shown: &[ShownView]) -> impl Iterator<Item = Option<GuardedRegion>> {
+    shown.iter().map(|(view, visible)| {
+        let glows = view.glow.is_some() && !view.is_parallel();
+        glows.then(|| GuardedRegion::of_glow(view, visible.rectangle))
+    })
 }
 
 /// The glow of a frame whose first group is drawn.
 #[derive(Debug)]
 pub(super) struct BegunGlow {
-    groups: Vec<GlowGroup>,
+    groups: Vec<RegionGroup>,
     /// `None` if no view glows.
     pub first: Option<SpreadLight>,
 }
@@ -105,7 +68,8 @@ impl FrameResources {
         of: (&GpuScene, &Target),
         shown: &[ShownView],
     ) -> Result<BegunGlow, DrawError> {
-        let groups = GlowGroup::of_frame(shown, gpu.device.limits().max_texture_dimension_2d);
+        let side_max = gpu.device.limits().max_texture_dimension_2d;
+        let groups = RegionGroup::of_frame(regions(shown), side_max);
         let first = groups.first().map(|group| self.draw_glow(gpu, with, of, shown, group));
         if first.is_none() {
             self.glow.pictures.age();
@@ -144,7 +108,7 @@ impl FrameResources {
         with: &DrawnWith<'_>,
         (scene, target): (&GpuScene, &Target),
         shown: &[ShownView],
-        group: &GlowGroup,
+        group: &RegionGroup,
     ) -> Result<SpreadLight, DrawError> {
         let (shown, sides) = (&shown[group.views.clone()], group.sides);
         let texture = self.glow.pictures.texture(gpu, (sides, target.samples()));
@@ -154,7 +118,8 @@ impl FrameResources {
             !scene.layout.keys[batch.pipeline as usize].transmits()
         };
         let regions: Vec<_> = group.regions.iter().map(|of| Vec::from_iter(*of)).collect();
-        let of = (shown, &*regions);
+        let occlusion = with.occlusion.map(|drawn| drawn.binding_of_none(shown.len()));
+        let of = PicturesOf { shown, regions: &regions, occlusion };
         let shadows = with.shadows.get(group.views.clone()).unwrap_or_default();
         let with = DrawnWith { shadows, ..*with };
         let onto = (&texture, sides);
@@ -199,7 +164,7 @@ impl FrameResources {
 }
 
 /// The part of the picture that a view glows with.
-fn part(view: &ViewDesc, region: Option<BehindRegion>) -> Option<SpreadPart> {
+fn part(view: &ViewDesc, region: Option<GuardedRegion>) -> Option<SpreadPart> {
     let (glow, region) = (view.glow?, region?);
     let [[x, y], [width, height]] = [region.place, region.size];
     let stays = stays(glow, region.texel_rad(view));
@@ -207,7 +172,7 @@ fn part(view: &ViewDesc, region: Option<BehindRegion>) -> Option<SpreadPart> {
 }
 
 /// The uniform of a view; one without glow has a strength of 0.
-fn uniform(view: &ViewDesc, region: Option<BehindRegion>, size: [u32; 2]) -> GlowUniform {
+fn uniform(view: &ViewDesc, region: Option<GuardedRegion>, size: [u32; 2]) -> GlowUniform {
     let size = size.map(|side| side as f32);
     let (Some(glow), Some(region)) = (&view.glow, region) else {
         return GlowUniform { size, ..GlowUniform::default() };

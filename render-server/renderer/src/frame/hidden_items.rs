@@ -6,6 +6,7 @@
 //! depend on the frame before.
 
 use super::begun_frame::ShownView;
+use super::draw_context::FrameBindings;
 use super::submission::Submission;
 use super::{DrawContext, FrameResources, around, check_records};
 use crate::DrawError;
@@ -109,9 +110,10 @@ impl FrameResources {
         let textures = target.occlusion.textures.get_or_insert_with(|| occluders.target(gpu, size));
         let views = shown.iter().map(|(view, _)| view).collect();
         let pipelines = occluders.pipelines(&scene.layout.keys);
+        let bindings = FrameBindings { pipelines, ..FrameBindings::default() };
         let context = DrawContext {
             has_materials: false,
-            ..self.context(gpu, (pipelines, None), scene, (views, None), &lists)
+            ..self.context(gpu, bindings, scene, views, &lists)
         };
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("occluders") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);

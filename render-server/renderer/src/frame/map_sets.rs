@@ -5,13 +5,14 @@
 //! one after the other, so a map that is drawn anew is read by no frame before.
 
 use super::begun_frame::ShownView;
+use super::draw_context::FrameBindings;
 use super::map_set::{MapSet, MapWork, Subject};
 use super::shadow_map::ShadowMap;
 use super::{FrameResources, check_records};
 use crate::DrawError;
 use crate::draw_list::{DrawList, ShadowItems};
 use crate::gpu::Gpu;
-use crate::pass::shadow::{self, ShadowPass};
+use crate::pass::shadow::{self, CasterPass, Sides};
 use crate::scene::{Bounds, GpuScene};
 use crate::view::ViewDesc;
 
@@ -142,7 +143,7 @@ impl MapSets {
     /// One map has more than is held for one frame.
     pub fn draw(
         &mut self,
-        (frames, pass): (&mut FrameResources, &ShadowPass),
+        (frames, pass): (&mut FrameResources, &CasterPass),
         gpu: &Gpu,
         scene: &GpuScene,
         (shown, orders): (&[ShownView], &MapOrders),
@@ -165,7 +166,7 @@ impl MapSets {
     /// Draws some of these maps, at least one, from the first on, and returns their number.
     fn encode(
         &mut self,
-        (frames, pass): (&mut FrameResources, &ShadowPass),
+        (frames, pass): (&mut FrameResources, &CasterPass),
         gpu: &Gpu,
         scene: &GpuScene,
         (shown, orders): (&[ShownView], &[Order]),
@@ -183,9 +184,9 @@ impl MapSets {
             count += 1;
         }
         let Passes { lists, views, steps } = passes;
-        let pipelines = pass.pipelines(&scene.layout.keys);
-        let context =
-            frames.context(gpu, (pipelines, None), scene, (views.iter().collect(), None), &lists);
+        let pipelines = pass.pipelines(&scene.layout.keys, Sides::Both);
+        let bindings = FrameBindings { pipelines, ..FrameBindings::default() };
+        let context = frames.context(gpu, bindings, scene, views.iter().collect(), &lists);
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("shadows") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
         for step in &steps {

@@ -10,7 +10,7 @@ use crate::DrawError;
 use crate::bindings;
 use crate::gpu::Gpu;
 use crate::lamp_map::LampShadowRecord;
-use crate::pass::shadow::ShadowPass;
+use crate::pass::shadow::{CasterPass, Sides};
 use crate::scene::GpuScene;
 use crate::shadow_cascades::MAP_SIDE;
 use crate::shadow_uniform::ShadowUniform;
@@ -44,7 +44,8 @@ struct Bound<'a> {
 /// The maps of all cameras, and the pass that draws them.
 #[derive(Debug)]
 pub(crate) struct Shadows {
-    pass: ShadowPass,
+    /// Draws maps, and the depths of ambient occlusion.
+    pub pass: CasterPass,
     sampler: wgpu::Sampler,
     /// One map of one texel, for views without shadows; made where one is needed.
     none: Option<wgpu::TextureView>,
@@ -57,7 +58,7 @@ pub(crate) struct Shadows {
 impl Shadows {
     pub fn new(gpu: &Gpu) -> Self {
         Self {
-            pass: ShadowPass::new(gpu),
+            pass: CasterPass::new(gpu),
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("shadow/sampler"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -74,11 +75,17 @@ impl Shadows {
 
     /// Makes what is missing for a scene; nothing for one without lights that cast shadows.
     pub fn prepare(&mut self, gpu: &Gpu, scene: &GpuScene) {
-        self.pass.prepare(gpu, &scene.layout.keys);
-        if has_shadows(scene) && self.none.is_none() {
-            self.none =
-                Some(array_view(&texture(gpu, [1, 1], wgpu::TextureUsages::TEXTURE_BINDING)));
+        if !has_shadows(scene) {
+            return;
         }
+        self.pass.prepare(gpu, &scene.layout.keys, Sides::Both);
+        let none = || array_view(&texture(gpu, [1, 1], wgpu::TextureUsages::TEXTURE_BINDING));
+        self.none.get_or_insert_with(none);
+    }
+
+    /// Makes what the depths of ambient occlusion need for a scene.
+    pub fn prepare_depths(&mut self, gpu: &Gpu, scene: &GpuScene) {
+        self.pass.prepare(gpu, &scene.layout.keys, Sides::Shown);
     }
 
     /// The bindings that pipelines are warmed with: no shadows.

@@ -7,6 +7,20 @@ struct Sun {
     pad1: f32,
 }
 
+// Where a view has its ambient occlusion.
+struct OcclusionPlace {
+    // From a pixel of the target, times this, to a texel of the map; 0 if it has none.
+    offset: vec2<f32>,
+    texels_per_pixel: f32,
+    // Depths that differ by more than this are of two surfaces: as a share of the depth, and where
+    // rays are parallel.
+    relative: f32,
+    absolute: f32,
+    pad0: f32,
+    pad1: f32,
+    pad2: f32,
+}
+
 struct Frame {
     clip_from_eye: mat4x4<f32>,
     sky: vec3<f32>,
@@ -24,6 +38,7 @@ struct Frame {
     lamp_cells: vec3<u32>,
     // The radiance of a map of the surroundings is times this.
     surroundings: f32,
+    occlusion: OcclusionPlace,
     suns: array<Sun, 4>,
 }
 

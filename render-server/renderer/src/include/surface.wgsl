@@ -224,6 +224,7 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
         let texel = textureSample(occlusion_texture, occlusion_sampler, uv);
         occlusion = 1.0 + material.occlusion_strength * (texel.r - 1.0);
     }
+    occlusion = min(occlusion, ambient_visibility(v)); //? ambient_occlusion
     let position = position_of(v);
     var s: Surface;
     s.normal = shading_normal(v, front);

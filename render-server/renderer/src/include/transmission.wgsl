@@ -1,5 +1,5 @@
 // KHR_materials_transmission, KHR_materials_volume and KHR_materials_dispersion: light from behind
-// a surface, out of the pictures of `behind_region.rs`. All lengths on the screen are in pixels,
+// a surface, out of the pictures of `guarded_region.rs`. All lengths on the screen are in pixels,
 // and none depends on what a channel shows.
 
 struct Region {
@@ -41,7 +41,7 @@ var<private> passing: Passing;
 // Reach of the sharp region less the filter of the coarsest level that is read of it.
 const SHARP_OFFSET_MAX: f32 = 96.0;
 const SHARP_DETAIL_MAX: f32 = 4.0;
-// Twin of `LEVELS` in `behind_region.rs`.
+// Twin of `LEVELS` in `guarded_region.rs`.
 const COARSEST: f32 = 6.0;
 // Angle of a texel of Khronos' sample viewer, whose picture has 1,024 in 45 degrees.
 const VIEWER_TEXEL: f32 = 7.67e-4;

@@ -11,7 +11,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3};
 use polyptych_scene::ToneMapper;
 
-use crate::bindings::{self, uniform_stride};
+use crate::bindings::{self, FrameExtras, uniform_stride};
 use crate::frame::DrawContext;
 use crate::gpu::Gpu;
 use crate::output_texture::ImageEncoding;
@@ -63,7 +63,7 @@ struct PipelineOf {
     is_float: bool,
     tone: ToneMapper,
     samples: u32,
-    has_environment: bool,
+    extras: FrameExtras,
     has_fog: bool,
 }
 
@@ -127,7 +127,7 @@ impl BackgroundPass {
             is_float,
             tone,
             samples: target.samples(),
-            has_environment: variant.environment,
+            extras: variant.frame_extras(),
             has_fog: variant.fog,
         };
         let pipeline =
@@ -153,17 +153,13 @@ fn pipeline(
     group_layout: &wgpu::BindGroupLayout,
     key: PipelineOf,
 ) -> wgpu::RenderPipeline {
-    let PipelineOf { is_linear, is_float, tone, samples, has_environment, has_fog } = key;
-    let source = shader::surroundings(SOURCE, has_environment, has_fog);
+    let PipelineOf { is_linear, is_float, tone, samples, extras, has_fog } = key;
+    let source = shader::surroundings(SOURCE, extras.environment, has_fog);
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("background/shader"),
         source: wgpu::ShaderSource::Wgsl(source.into()),
     });
-    let frame = if has_environment {
-        bindings::environment_frame_layout(&gpu.device)
-    } else {
-        bindings::frame_layout(&gpu.device)
-    };
+    let frame = bindings::frame_layout(&gpu.device, extras);
     let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some("background/pipeline_layout"),
         bind_group_layouts: &[Some(&frame), Some(group_layout)],

@@ -1,7 +1,7 @@
 //! The texture of what is behind surfaces that transmit light, and the halving of its levels.
 
-use crate::behind_region::LEVELS;
 use crate::gpu::Gpu;
+use crate::guarded_region::LEVELS;
 use crate::pass::tonemap::{resume, screen_pipeline};
 use crate::target::{DEPTH_FORMAT, LINEAR_FORMAT};
 use crate::{bindings, shader};

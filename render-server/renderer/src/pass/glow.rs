@@ -8,8 +8,8 @@ use polyptych_scene::ToneMapper;
 
 use super::behind::BehindTexture;
 use super::tonemap::{clear, resume, screen_pipeline};
-use crate::behind_region::LEVELS;
 use crate::gpu::Gpu;
+use crate::guarded_region::LEVELS;
 use crate::output_texture::ImageEncoding;
 use crate::target::{LINEAR_FORMAT, Target};
 use crate::{bindings, shader};

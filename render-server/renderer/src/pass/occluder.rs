@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use polyptych_scene::{Topology, VertexLayout};
 
-use crate::bindings;
+use crate::bindings::{self, FrameExtras};
 use crate::frame::DrawContext;
 use crate::gpu::Gpu;
 use crate::occlusion::CellDepths;
@@ -89,7 +89,7 @@ impl OccluderPass {
             let source = wgpu::ShaderSource::Wgsl(text.into());
             device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(label), source })
         };
-        let frame = bindings::frame_layout(device);
+        let frame = bindings::frame_layout(device, FrameExtras::default());
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("occluder/pipeline_layout"),
             bind_group_layouts: &[Some(&frame)],

@@ -1,12 +1,11 @@
-//! Maps of what a light reaches: the depth of all that casts shadows, as the light sees it.
-//!
-//! Both sides of triangles are drawn, so that what has no back casts a shadow too.
+//! The depth of all that casts shadows: as a light sees it, or as a viewer does for ambient
+//! occlusion.
 
 use std::collections::BTreeMap;
 
 use polyptych_scene::{Topology, VertexLayout};
 
-use crate::bindings;
+use crate::bindings::{self, FrameExtras};
 use crate::gpu::Gpu;
 use crate::pipeline::{
     Alpha, Cull, InstanceRecord, MaterialFeatures, PipelineKey, TextureSlot, instance_attributes,
@@ -18,10 +17,19 @@ use crate::target::DEPTH_FORMAT;
 /// The fragment stage of masked surfaces.
 pub(crate) const SOURCE: &str = include_str!("shadow.wgsl");
 
+/// Which triangles are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sides {
+    /// Both sides of all that casts shadows: what has no back casts one too.
+    Both,
+    /// What a viewer sees of it; not what light passes through.
+    Shown,
+}
+
 /// Returns whether what is drawn so casts shadows: triangles that light meets and that are not
 /// blended. Unlit surfaces take no part in light: they are skies, labels and baked light.
 pub(crate) fn casts_shadows(key: &PipelineKey) -> bool {
-    CasterKey::new(key).is_some()
+    CasterPass::draws(key, Sides::Both)
 }
 
 /// Everything that the depth of what casts shadows depends on.
@@ -30,15 +38,24 @@ struct CasterKey {
     layout: VertexLayout,
     /// The slot of the texture that has the mask, if any, and whether its place is moved.
     mask: Option<(TextureSlot, bool)>,
+    cull: Cull,
+    mirrored: bool,
 }
 
 impl CasterKey {
-    fn new(key: &PipelineKey) -> Option<Self> {
-        let PipelineKey { layout, topology, material, .. } = *key;
+    fn new(key: &PipelineKey, sides: Sides) -> Option<Self> {
+        let PipelineKey { layout, topology, material, cull, mirrored, .. } = *key;
         let MaterialFeatures { alpha, base_color, uv_transformed, lit, .. } = material;
         let mask = (alpha == Alpha::Mask).then_some((base_color, uv_transformed));
         let casts = alpha != Alpha::Blend && topology == Topology::Triangles && lit;
-        casts.then_some(Self { layout, mask })
+        match sides {
+            Sides::Both => {
+                casts.then_some(Self { layout, mask, cull: Cull::Nothing, mirrored: false })
+            }
+            Sides::Shown => {
+                (casts && !key.transmits()).then_some(Self { layout, mask, cull, mirrored })
+            }
+        }
     }
 
     fn interface(self) -> Interface {
@@ -55,15 +72,15 @@ impl CasterKey {
 
 /// The pass.
 #[derive(Debug)]
-pub(crate) struct ShadowPass {
+pub(crate) struct CasterPass {
     layout: wgpu::PipelineLayout,
     modules: BTreeMap<Interface, wgpu::ShaderModule>,
     pipelines: BTreeMap<CasterKey, wgpu::RenderPipeline>,
 }
 
-impl ShadowPass {
+impl CasterPass {
     pub fn new(gpu: &Gpu) -> Self {
-        let frame = bindings::frame_layout(&gpu.device);
+        let frame = bindings::frame_layout(&gpu.device, FrameExtras::default());
         let material = bindings::material_layout(&gpu.device);
         let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("shadow/pipeline_layout"),
@@ -73,10 +90,14 @@ impl ShadowPass {
         Self { layout, modules: BTreeMap::new(), pipelines: BTreeMap::new() }
     }
 
-    /// Makes what is missing for a scene; nothing for one without lights that cast shadows.
-    pub fn prepare(&mut self, gpu: &Gpu, keys: &[PipelineKey]) {
-        let shadowed = keys.iter().filter(|key| key.has_shadows());
-        for key in shadowed.filter_map(CasterKey::new) {
+    /// Returns whether it draws what is drawn so.
+    pub fn draws(key: &PipelineKey, sides: Sides) -> bool {
+        CasterKey::new(key, sides).is_some()
+    }
+
+    /// Makes what is missing for a scene.
+    pub fn prepare(&mut self, gpu: &Gpu, keys: &[PipelineKey], sides: Sides) {
+        for key in keys.iter().filter_map(|key| CasterKey::new(key, sides)) {
             if !self.pipelines.contains_key(&key) {
                 let pipeline = self.build(gpu, key);
                 self.pipelines.insert(key, pipeline);
@@ -86,8 +107,12 @@ impl ShadowPass {
 
     /// The pipelines of a scene, in the order of its keys; `None` for what casts no shadow or was
     /// not prepared.
-    pub fn pipelines(&self, keys: &[PipelineKey]) -> Vec<Option<&wgpu::RenderPipeline>> {
-        let of = |key| CasterKey::new(key).and_then(|key| self.pipelines.get(&key));
+    pub fn pipelines(
+        &self,
+        keys: &[PipelineKey],
+        sides: Sides,
+    ) -> Vec<Option<&wgpu::RenderPipeline>> {
+        let of = |key| CasterKey::new(key, sides).and_then(|key| self.pipelines.get(&key));
         keys.iter().map(of).collect()
     }
 
@@ -127,7 +152,7 @@ impl ShadowPass {
                 compilation_options: wgpu::PipelineCompilationOptions::default(),
                 buffers: &buffers,
             },
-            primitive: primitive_state(Topology::Triangles, Cull::Nothing, false),
+            primitive: primitive_state(Topology::Triangles, key.cull, key.mirrored),
             depth_stencil: Some(wgpu::DepthStencilState {
                 format: DEPTH_FORMAT,
                 depth_write_enabled: Some(true),

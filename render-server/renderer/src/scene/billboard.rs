@@ -130,6 +130,7 @@ mod tests {
             exposure: 1.0,
             fog: None,
             glow: None,
+            ambient_occlusion: None,
             tone: polyptych_scene::ToneMapper::default(),
             subset: SceneSubset::default(),
             allowed_error: AllowedError::NONE,

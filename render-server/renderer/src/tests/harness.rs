@@ -339,6 +339,7 @@ pub fn look(eye: DVec3, at: DVec3, canvas: [u32; 2]) -> ViewDesc {
         tone: ToneMapper::default(),
         fog: None,
         glow: None,
+        ambient_occlusion: None,
         subset: SceneSubset::default(),
         allowed_error: AllowedError::NONE,
         has_shadows: true,

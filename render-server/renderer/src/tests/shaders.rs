@@ -5,13 +5,14 @@ use std::mem::offset_of;
 use polyptych_scene::VertexLayout;
 use wgpu::naga;
 
-use crate::behind_region::{BehindUniform, RegionRecord};
 use crate::environment::EnvironmentUniform;
+use crate::guarded_region::{BehindUniform, RegionRecord};
 use crate::lamp_map::LampShadowRecord;
+use crate::pass::ambient_occlusion::{OcclusionPlace, OcclusionUniform};
 use crate::pass::background::{self, BackgroundUniform};
 use crate::pass::correct::{CellRecord, CorrectionUniform, EyeRecord, PlaneRecord};
 use crate::pass::glow::GlowUniform;
-use crate::pass::{behind, glow, occluder, opaque, shadow, transparent};
+use crate::pass::{ambient_occlusion, behind, glow, occluder, opaque, shadow, transparent};
 use crate::scene::{ExtensionUniform, MaterialUniform};
 use crate::shader::{ExtensionSet, Interface, depth, screen, surface, surroundings};
 use crate::shadow_uniform::{CascadeRecord, ShadowUniform, SunShadowRecord};
@@ -39,7 +40,19 @@ fn interfaces() -> impl Iterator<Item = Interface> {
         let (shadows, environment, fog) = (bit(6), bit(7), bit(8));
         let extensions = ExtensionSet::default();
         let (lit, lamps, lamp_shadows) = (bit(4), bit(5), bit(9));
-        Interface { attributes, lit, lamps, shadows, lamp_shadows, environment, fog, extensions }
+        // With others of every kind, as their parity is theirs.
+        let ambient_occlusion = lit && bits.count_ones() % 2 == 0;
+        Interface {
+            attributes,
+            lit,
+            lamps,
+            shadows,
+            lamp_shadows,
+            environment,
+            fog,
+            ambient_occlusion,
+            extensions,
+        }
     })
 }
 
@@ -89,6 +102,7 @@ fn every_shader_validates() {
                 lamp_shadows: lamps,
                 environment,
                 fog,
+                ambient_occlusion: bits < 2,
                 extensions,
             };
             module("opaque", &surface(with, opaque::SOURCE));
@@ -101,6 +115,7 @@ fn every_shader_validates() {
     }
     module("behind", &screen(behind::SOURCE));
     module("glow", &screen(glow::SOURCE));
+    module("ambient_occlusion", &screen(ambient_occlusion::SOURCE));
     module("tonemap", &screen(include_str!("../pass/tonemap.wgsl")));
     module("enlarge", &screen(include_str!("../pass/enlarge.wgsl")));
     module("output", &screen(include_str!("../pass/output.wgsl")));
@@ -122,6 +137,7 @@ fn of_all() -> Interface {
         lamps: true,
         shadows: true,
         lamp_shadows: true,
+        ambient_occlusion: true,
         extensions,
         ..Interface::default()
     }
@@ -147,7 +163,9 @@ fn uniforms_match_their_twins() {
     let opaque = module("opaque", &surface(of_all(), opaque::SOURCE));
     let behind = module("background", &surroundings(background::SOURCE, true, true));
     let glow = module("glow", &screen(glow::SOURCE));
-    let modules = [opaque, glow, module("correct", include_str!("../pass/correct.wgsl")), behind];
+    let occlusion = module("ambient_occlusion", &screen(ambient_occlusion::SOURCE));
+    let correct = module("correct", include_str!("../pass/correct.wgsl"));
+    let modules = [opaque, glow, correct, behind, occlusion];
     macro_rules! twin {
         ($wgsl:literal, $rust:ty, $($field:ident),+) => {{
             let offsets = [$((stringify!($field), offset_of!($rust, $field))),+];
@@ -162,7 +180,11 @@ fn uniforms_match_their_twins() {
     twin! { "Correction", CorrectionUniform, eyes, planes, red, green, blue, light_scale,
     inverse_gamma, texel }
     twin! { "Frame", FrameUniform, clip_from_eye, sky, exposure, ground, fog_fall, eye, fog,
-    lamp_origin, cells_per_unit, lamp_cells, surroundings, suns }
+    lamp_origin, cells_per_unit, lamp_cells, surroundings, occlusion,
+    suns }
+    twin!("OcclusionPlace", OcclusionPlace, offset, texels_per_pixel, relative, absolute);
+    twin! { "Occlusion", OcclusionUniform, eye_from_texel, eye, depths, to_depth, radius, share,
+    texels, relative, absolute }
     twin!("Glow", GlowUniform, corner, place, size, texels_per_pixel, strength);
     twin!("Sun", DirectionalLightRecord, toward, irradiance);
     twin!(

@@ -2,7 +2,7 @@
 
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
-use polyptych_scene::{Fog, Glow};
+use polyptych_scene::{AmbientOcclusion, Fog, Glow};
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::tour::{Tour, TourStop};
 use polyptych_wall::view::View;
@@ -27,6 +27,7 @@ fn dressed() -> ClusterFixture {
         Request::SetExposure(2.0),
         Request::SetFog(Some(Fog::even(90.0))),
         Request::SetGlow(Some(Glow::new(0.5))),
+        Request::SetAmbientOcclusion(Some(AmbientOcclusion { radius: 0.5 })),
         Request::SetBounds(QualityBounds { error_px: 0.5, rate_fps: None }),
         Request::SetPattern(Some(TestPattern::Grid)),
         Request::SetDisplays(OutputMode::Identify),

@@ -1,4 +1,5 @@
-//! The presentation of the scene: modes, patterns, light, fog, glow and bounds.
+//! The presentation of the scene: modes, patterns, light, fog, glow, ambient
+//! occlusion and bounds.
 
 use polyptych_protocol::calibration_marker::{CalibrationMarker, MarkedPoint};
 use polyptych_protocol::output_mode::OutputMode;
@@ -6,7 +7,7 @@ use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::Request;
 use polyptych_protocol::screen_rest::{LitHours, RestRules};
-use polyptych_scene::{Fog, Glow, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
 use polyptych_wall::calibration_change::Corner;
 use serde::Deserialize;
 use serde_json::json;
@@ -129,6 +130,17 @@ pub(in crate::http) const ROUTES: &[Route] = &[
     },
     Route {
         method: "PUT",
+        path: "/ambient_occlusion",
+        summary: "Darkens corners and gaps within a radius, or ends it without one.",
+        query: &[],
+        body: Some(|| json!({ "ambient_occlusion": AmbientOcclusion { radius: 0.5 } })),
+        action: Action::Ask(|call| {
+            let OcclusionBody { ambient_occlusion } = call.parse()?;
+            Ok(Request::SetAmbientOcclusion(ambient_occlusion))
+        }),
+    },
+    Route {
+        method: "PUT",
         path: "/bounds",
         summary: "Bounds the error of pictures in pixels and their rate in frames per second.",
         query: &[],
@@ -180,6 +192,12 @@ struct FogBody {
 #[serde(deny_unknown_fields)]
 struct GlowBody {
     glow: Option<Glow>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct OcclusionBody {
+    ambient_occlusion: Option<AmbientOcclusion>,
 }
 
 fn exposure(call: &Call) -> Result<Request, Refusal> {

@@ -1,19 +1,21 @@
-//! The pictures that surfaces which transmit light see behind them, and those whose light spreads
-//! as glow: where they lie, so that all channels of a screen compute the same texels.
+//! Parts of a view's canvas with a guard band around them: where the pictures lie that pixels of a
+//! neighbourhood are computed from, so that all channels of a screen compute the same texels.
 //!
-//! A view with glow has a wide one, and with what transmits light two of them: a sharp one, a
-//! pixel a texel, for what is refracted little, and a wide one of at most [`TEXELS_PER_RADIAN`]
-//! for what is refracted or blurred far. Each is larger than what is seen by a guard band, and
-//! begins at a multiple of its coarsest texel in pixels of the canvas, which the tiles of a screen
-//! share. Shaders clamp offsets and filters to the guard band, as a function of the point alone;
-//! so no pixel depends on the channel that draws it.
+//! Surfaces that transmit light see such a picture behind them, light that spreads as glow comes
+//! from one, and ambient occlusion from the depths of one. A view with glow has a wide one, and
+//! with what transmits light two of them: a sharp one, a pixel a texel, for what is refracted
+//! little, and a wide one of at most [`TEXELS_PER_RADIAN`] for what is refracted or blurred far.
+//! Each is larger than what is seen by a guard band, and begins at a multiple of its coarsest texel
+//! in pixels of the canvas, which the tiles of a screen share. Shaders clamp offsets and filters to
+//! the guard band, as a function of the point alone; so no pixel depends on the channel that draws
+//! it.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3};
 
 use super::view::ViewDesc;
 
-/// Halvings of a picture: texels of the coarsest level are 64 finest ones wide.
+/// Halvings of a picture of light: texels of the coarsest level are 64 finest ones wide.
 pub(crate) const LEVELS: u32 = 6;
 
 /// Texels of the sharp picture's guard band: 96 for offsets, 32 for filters.
@@ -26,11 +28,26 @@ const WIDE_REACH: i64 = 256;
 /// Texels of the wide picture to a radian, at most: its coarsest texels are 7° or more.
 const TEXELS_PER_RADIAN: f64 = 512.0;
 
+/// Texels of the depths of ambient occlusion to a radian, at most: a texel is two or three pixels
+/// of a display that a viewer is close to.
+const DEPTHS_PER_RADIAN: f64 = 724.0;
+
+/// Texels of the guard band of these depths: the reach of ambient occlusion, seen up to 50° beside
+/// the middle of the canvas, where an angle takes most texels.
+pub(crate) const DEPTHS_REACH: i64 = 224;
+
+/// Halvings of these depths: the directions in which they are searched repeat every 4 texels.
+const DEPTHS_LEVELS: u32 = 2;
+
+/// Texels around what is seen for which ambient occlusion is found: those that it is smoothed
+/// over.
+const OCCLUSION_REACH: i64 = 4;
+
 /// Texels of the wide picture of a whole canvas, at most: 500 MB with four samples each. Only one
 /// of more than 130° to both sides has fewer to a radian for that.
 pub(crate) const TEXELS_MAX: u64 = 8 << 20;
 
-/// The coarsest texel of a wide picture, as a power of two in pixels.
+/// The coarsest texel of a picture, as a power of two in pixels.
 const SCALE_MAX: u32 = 12;
 
 /// Texels of a canvas with its guard band: the longest viewport of the weakest driver.
@@ -59,32 +76,50 @@ pub(crate) struct BehindUniform {
     pub bounds: [f32; 4],
 }
 
-/// A picture of what is behind the surfaces of a view.
+/// A part of a view's canvas with a guard band around it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct BehindRegion {
+pub(crate) struct GuardedRegion {
     /// A texel is 2^scale pixels wide.
     pub scale: u32,
+    /// Texels of the guard band.
     reach: i64,
     /// Pixels of the target.
     pub corner: [i64; 2],
-    /// Width and height in texels: multiples of 2^[`LEVELS`].
+    /// Width and height in texels: multiples of the coarsest texel.
     pub size: [u32; 2],
     /// Texels of the texture that holds all of them, where [`pack`] put it.
     pub place: [u32; 2],
 }
 
-impl BehindRegion {
+impl GuardedRegion {
     /// Returns the pictures for what a view shows in a rectangle of the target, the wide one last.
     pub fn of_view(view: &ViewDesc, rectangle: [u32; 4]) -> Vec<Self> {
         let wide = Self::of_glow(view, rectangle);
-        let sharp = (wide.scale > 0).then(|| Self::around(view, rectangle, (0, SHARP_REACH)));
+        let sharp = || Self::around(view, rectangle.map(i64::from), (0, LEVELS), SHARP_REACH);
+        let sharp = (wide.scale > 0).then(sharp);
         sharp.into_iter().chain([wide]).collect()
     }
 
     /// Returns the picture for light that spreads in what a view shows in a rectangle of the
     /// target.
     pub fn of_glow(view: &ViewDesc, rectangle: [u32; 4]) -> Self {
-        Self::around(view, rectangle, (wide_scale(view), WIDE_REACH))
+        let scale = scale(view, TEXELS_PER_RADIAN, WIDE_REACH);
+        Self::around(view, rectangle.map(i64::from), (scale, LEVELS), WIDE_REACH)
+    }
+
+    /// Returns the places of the ambient occlusion of what a view shows in a rectangle of the
+    /// canvas, in pixels of the target, and of the depths that it is found from: the texels of both
+    /// are the same.
+    pub fn of_occlusion(view: &ViewDesc, rectangle: [i64; 4]) -> [Self; 2] {
+        let scale = scale(view, DEPTHS_PER_RADIAN, DEPTHS_REACH);
+        let around = |reach| Self::around(view, rectangle, (scale, DEPTHS_LEVELS), reach);
+        [around(OCCLUSION_REACH), around(OCCLUSION_REACH + DEPTHS_REACH)]
+    }
+
+    /// All of it in pixels of the target: x, y, width, height.
+    pub fn rectangle(&self) -> [i64; 4] {
+        let [width, height] = self.size.map(|side| i64::from(side) << self.scale);
+        [self.corner[0], self.corner[1], width, height]
     }
 
     /// Radians to a texel in the middle of the canvas.
@@ -92,14 +127,34 @@ impl BehindRegion {
         f64::from(1u32 << self.scale) / pixels_per_radian(view)
     }
 
-    fn around(view: &ViewDesc, rectangle: [u32; 4], (scale, reach): (u32, i64)) -> Self {
-        let step = 1i64 << (scale + LEVELS);
+    /// The texels of this region that are those of a rectangle of another one of the same scale,
+    /// both in their textures: x, y, width, height. `None` if there are none.
+    pub fn texels_at(&self, other: &Self, rectangle: [u32; 4]) -> Option<[u32; 4]> {
+        let span = |at: usize| {
+            let shift = (other.corner[at] - self.corner[at]) >> self.scale;
+            let place = [self.place[at], other.place[at]].map(i64::from);
+            let from = i64::from(rectangle[at]) - place[1] + shift;
+            let end = from + i64::from(rectangle[at + 2]);
+            let [from, end] = [from, end].map(|to| to.clamp(0, i64::from(self.size[at])));
+            (from < end).then(|| [(place[0] + from) as u32, (end - from) as u32])
+        };
+        let ([x, width], [y, height]) = (span(0)?, span(1)?);
+        Some([x, y, width, height])
+    }
+
+    fn around(
+        view: &ViewDesc,
+        rectangle: [i64; 4],
+        (scale, levels): (u32, u32),
+        reach: i64,
+    ) -> Self {
+        let step = 1i64 << (scale + levels);
         let axis = |at: usize| {
             let base = view.viewport[at].floor() as i64;
-            let from = i64::from(rectangle[at]) - base - (reach << scale);
-            let to = i64::from(rectangle[at] + rectangle[at + 2]) - base + (reach << scale);
+            let from = rectangle[at] - base - (reach << scale);
+            let to = rectangle[at] + rectangle[at + 2] - base + (reach << scale);
             let (first, end) = (from.div_euclid(step), (to + step - 1).div_euclid(step));
-            (first * step + base, ((end - first) << LEVELS) as u32)
+            (first * step + base, ((end - first) << levels) as u32)
         };
         let [(x, width), (y, height)] = [axis(0), axis(1)];
         Self { scale, reach, corner: [x, y], size: [width, height], place: [0, 0] }
@@ -151,7 +206,7 @@ impl BehindRegion {
 
 impl BehindUniform {
     /// The uniforms of a view with these pictures; zeros if it has none.
-    pub fn new(view: &ViewDesc, regions: &[BehindRegion]) -> Self {
+    pub fn new(view: &ViewDesc, regions: &[GuardedRegion]) -> Self {
         let [x, y, width, height] = view.viewport;
         let Some(wide) = regions.last() else { return Self::default() };
         let sharp = regions.first().filter(|_| regions.len() > 1);
@@ -159,7 +214,7 @@ impl BehindUniform {
         let [left, top] = [x - margins[0], y - margins[1]];
         let [right, bottom] = [x + width + margins[0], y + height + margins[1]];
         Self {
-            sharp: sharp.map(BehindRegion::record).unwrap_or_default(),
+            sharp: sharp.map(GuardedRegion::record).unwrap_or_default(),
             wide: wide.record(),
             pixels: [(width * 0.5) as f32, (-height * 0.5) as f32],
             pixels_per_radian: pixels_per_radian(view) as f32,
@@ -181,12 +236,12 @@ fn pixels_per_radian(view: &ViewDesc) -> f64 {
     if pixels.is_finite() { pixels.max(1.0) } else { height.max(1.0) }
 }
 
-/// The texels of a wide picture, as a power of two in pixels: a function of the canvas, which tiles
-/// share.
-fn wide_scale(view: &ViewDesc) -> u32 {
-    let scale = (pixels_per_radian(view) / TEXELS_PER_RADIAN).log2().ceil();
+/// The width of a texel where so many are a radian at most, as a power of two in pixels: a function
+/// of the canvas, which tiles share.
+fn scale(view: &ViewDesc, texels_per_radian: f64, reach: i64) -> u32 {
+    let scale = (pixels_per_radian(view) / texels_per_radian).log2().ceil();
     let texels = |scale: u32| {
-        let side = |pixels: f64| (pixels / f64::from(1 << scale)).ceil() + 2.0 * WIDE_REACH as f64;
+        let side = |pixels: f64| (pixels / f64::from(1 << scale)).ceil() + 2.0 * reach as f64;
         side(view.viewport[2]) * side(view.viewport[3])
     };
     let is_small = |scale: &u32| texels(*scale) <= TEXELS_MAX as f64;
@@ -197,7 +252,7 @@ fn wide_scale(view: &ViewDesc) -> u32 {
 /// Places pictures beside and below each other in a texture of sides up to `side_max`. Returns the
 /// texture's sides; `None` if they do not fit. One that is longer than `side_max` loses its end.
 pub(crate) fn pack<'a>(
-    regions: impl Iterator<Item = &'a mut BehindRegion>,
+    regions: impl Iterator<Item = &'a mut GuardedRegion>,
     side_max: u32,
 ) -> Option<[u32; 2]> {
     let side_max = side_max >> LEVELS << LEVELS;

@@ -1,0 +1,49 @@
+//! Groups of views, so that what all views of a frame need takes no more than a bounded texture.
+
+use std::ops::Range;
+
+use crate::guarded_region::{GuardedRegion, TEXELS_MAX, pack};
+
+/// Views of a frame, one after the other, whose regions have room in one texture.
+#[derive(Debug)]
+pub(crate) struct RegionGroup {
+    pub views: Range<usize>,
+    /// By view; `None` for one that has none.
+    pub regions: Vec<Option<GuardedRegion>>,
+    /// Of the texture.
+    pub sides: [u32; 2],
+}
+
+impl RegionGroup {
+    /// Divides the views of a frame into groups of up to [`TEXELS_MAX`] texels in textures of sides
+    /// up to `side_max`; a view alone may have more. None if no view has a region.
+    pub fn of_frame(
+        regions: impl Iterator<Item = Option<GuardedRegion>>,
+        side_max: u32,
+    ) -> Vec<Self> {
+        let mut groups: Vec<Self> = Vec::new();
+        for (index, region) in regions.enumerate() {
+            if !groups.last_mut().is_some_and(|group| group.add(region, side_max)) {
+                let mut group = Self { views: index..index, regions: Vec::new(), sides: [0, 0] };
+                group.add(region, side_max);
+                groups.push(group);
+            }
+        }
+        groups.retain(|group| group.sides != [0, 0]);
+        groups
+    }
+
+    /// Takes the next view, unless others have regions and it has no room beside them.
+    fn add(&mut self, region: Option<GuardedRegion>, side_max: u32) -> bool {
+        let mut all = self.regions.clone();
+        all.push(region);
+        let texels = all.iter().flatten().map(|of| u64::from(of.size[0]) * u64::from(of.size[1]));
+        let is_small = texels.sum::<u64>() <= TEXELS_MAX || self.sides == [0, 0];
+        let Some(sides) = pack(all.iter_mut().flatten(), side_max).filter(|_| is_small) else {
+            return false;
+        };
+        (self.regions, self.sides) = (all, sides);
+        self.views.end += 1;
+        true
+    }
+}
