@@ -144,13 +144,11 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
     client.set_ambient_occlusion(Some(AmbientOcclusion { radius: 0.5 })).await.expect("set");
     client.set_environment(EnvironmentSource::Sky).await.expect("set");
     assert_eq!(client.render_frame().await.expect("drawn"), feedback(9));
-    let drawn = client.render_frame_at(Some(camera), Some(4.0)).await.expect("drawn");
-    assert_eq!(drawn, feedback(4));
+    assert_eq!(client.render_frame_at(Some(camera), Some(4.0)).await.expect("drawn"), feedback(4));
     client.start_rendering(Pacing::Rate(30.0)).await.expect("running");
     client.pause().await.expect("paused");
     assert_eq!(client.set_output_mode(OutputMode::Blank).await.expect("blank"), feedback(9));
-    let drawn = client.set_pattern(Some(TestPattern::Grid)).await.expect("a pattern");
-    assert_eq!(drawn, feedback(9));
+    assert_eq!(client.set_pattern(Some(TestPattern::Grid)).await.expect("grid"), feedback(9));
     let change = CalibrationChange::Gain(DVec3::splat(0.9));
     assert_eq!(client.calibrate("left", vec![change.clone()]).await.expect("tuned"), tuned());
     assert_eq!(client.status().await.expect("status"), status());

@@ -76,9 +76,7 @@ impl Cluster {
             | Request::SetTone(_)
             | Request::SetFog(_)
             | Request::SetGlow(_)
-            | Request::SetAmbientOcclusion(_) => {
-                self.set_look(&request)?;
-            }
+            | Request::SetAmbientOcclusion(_) => self.set_look(&request)?,
             Request::SetAutomaticExposure => self.set_automatic_exposure(now),
             Request::MarkPoint(marker) => self.mark_point(marker)?,
             Request::SetRest(rules) => self.set_rest(now, rules)?,

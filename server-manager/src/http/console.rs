@@ -28,6 +28,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/handles.js", SCRIPT, include_str!("console/handles.js")),
     ("/hanging.js", SCRIPT, include_str!("console/hanging.js")),
     ("/health.js", SCRIPT, include_str!("console/health.js")),
+    ("/light.js", SCRIPT, include_str!("console/light.js")),
     ("/picture.js", SCRIPT, include_str!("console/picture.js")),
     ("/plots.js", SCRIPT, include_str!("console/plots.js")),
     ("/quaternion.js", SCRIPT, include_str!("console/quaternion.js")),

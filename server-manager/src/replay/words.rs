@@ -86,9 +86,6 @@ pub(super) fn of_request(request: &Request) -> String {
         Request::SetBounds(QualityBounds { error_px, rate_fps: Some(rate) }) => {
             format!("{name} to {error_px} pixels and {rate} frames per second")
         }
-        Request::SetFog(None) | Request::SetGlow(None) | Request::SetAmbientOcclusion(None) => {
-            format!("{name} to none")
-        }
         Request::SetFog(Some(fog)) => format!("{name} to a visibility of {}", fog.visibility),
         Request::SetGlow(Some(glow)) => format!("{name} to a strength of {}", glow.strength),
         Request::SetAmbientOcclusion(Some(of)) => format!("{name} to a radius of {}", of.radius),
@@ -100,9 +97,11 @@ pub(super) fn of_request(request: &Request) -> String {
         Request::Run(Pacing::Rate(rate)) => format!("run at {rate} frames per second"),
         Request::SetDisplays(mode) => format!("{name} to {}", mode.name()),
         Request::SetPattern(Some(pattern)) => format!("{name} to {}", pattern.name()),
-        Request::SetPattern(None) | Request::SetEnvironment(EnvironmentSource::None) => {
-            format!("{name} to none")
-        }
+        Request::SetPattern(None)
+        | Request::SetEnvironment(EnvironmentSource::None)
+        | Request::SetFog(None)
+        | Request::SetGlow(None)
+        | Request::SetAmbientOcclusion(None) => format!("{name} to none"),
         Request::Edit(transaction) => {
             format!("{name}: {}", counted(transaction.edits.len(), "edit"))
         }

@@ -1,7 +1,10 @@
 //! The page in a browser: everything on it is clicked once, and its effect seen on the wall.
 
 use polyptych_client::glam::DVec3;
-use polyptych_client::{Camera, LitHours, OutputMode, Presentation, RestRules, TestPattern};
+use polyptych_client::{
+    AmbientOcclusion, Camera, Fog, Glow, LitHours, OutputMode, Presentation, RestRules,
+    TestPattern, ToneMapper,
+};
 use rustix::process::Signal;
 
 use super::page::Page;
@@ -35,12 +38,6 @@ fn every_control_of_the_page_does_what_it_says() {
     let folder = town().parent().expect("a folder");
     let page = Page::start(&small(2, 1), &[folder], &[]);
     let mut browser = open(&page);
-    let set = |id: &str, value: &str| {
-        format!(
-            "(() => {{ const of = document.getElementById('{id}'); of.value = '{value}'; \
-             of.dispatchEvent(new Event('change')); }})()"
-        )
-    };
     let click = |query: &str| format!("document.querySelector(\"{query}\").click()");
 
     browser.value("document.querySelector('#open-form [name=path]').value = 'town.glb'");
@@ -79,19 +76,20 @@ fn every_control_of_the_page_does_what_it_says() {
     browser.await_true("document.querySelectorAll('.channel.bad').length === 2");
     browser.value(&click("[data-mode=normal]"));
     browser.await_true("document.querySelectorAll('.channel.bad').length === 0");
-    browser.value(&set("pattern", "grid"));
+    set(&mut browser, "pattern", "grid");
     await_shown(&page, "a pattern", |shown| shown.pattern == Some(TestPattern::Grid));
-    browser.value(&set("pattern", ""));
+    set(&mut browser, "pattern", "");
     await_shown(&page, "no pattern", |shown| shown.pattern.is_none());
-    browser.value(&set("exposure", "2"));
+    set(&mut browser, "exposure", "2");
     await_shown(&page, "an exposure", |shown| shown.exposure == 4.0);
     browser.value(&click("#automatic"));
     await_shown(&page, "automatic", |shown| shown.is_exposure_automatic);
-    browser.value(&set("error", "1.5"));
+    check_light(&page, &mut browser);
+    set(&mut browser, "error", "1.5");
     await_shown(&page, "an error bound", |shown| shown.bounds.error_px == 1.5);
-    browser.value(&set("rate", "20"));
+    set(&mut browser, "rate", "20");
     await_shown(&page, "a rate bound", |shown| shown.bounds.rate_fps == Some(20.0));
-    browser.value(&set("pace", "30"));
+    set(&mut browser, "pace", "30");
     browser.value(&click("#set-pace"));
     let frame = || page.local.client().status().expect("a status").frame.0;
     let begin = frame();
@@ -162,6 +160,38 @@ fn fill(browser: &mut Browser, id: &str, value: &str) {
 
 fn submit(browser: &mut Browser, id: &str) {
     browser.value(&format!("document.getElementById('{id}').requestSubmit()"));
+}
+
+/// Sets a control, in one step: the page writes what is shown into those that are free.
+fn set(browser: &mut Browser, id: &str, value: &str) {
+    browser.value(&format!(
+        "(() => {{ const of = document.getElementById('{id}'); of.value = '{value}'; \
+         of.dispatchEvent(new Event('change')); }})()"
+    ));
+}
+
+/// Tone mapper, fog, glow and ambient occlusion are set by the number that is written, which
+/// changes nothing else of them, and taken away.
+fn check_light(page: &Page, browser: &mut Browser) {
+    set(browser, "tone", "Aces");
+    await_shown(page, "a tone mapper", |shown| shown.tone == ToneMapper::Aces);
+    let layer = |visibility| Fog { half_height: Some(6.0), ..Fog::even(visibility) };
+    page.local.client().set_fog(Some(layer(700.0))).expect("set");
+    browser.await_true("document.getElementById('fog').value === '700'");
+    set(browser, "fog", "800");
+    await_shown(page, "fog", |shown| shown.fog == Some(layer(800.0)));
+    set(browser, "glow", "0.25");
+    await_shown(page, "glow", |shown| shown.glow == Some(Glow::new(0.25)));
+    set(browser, "occlusion", "0.5");
+    let occlusion = Some(AmbientOcclusion { radius: 0.5 });
+    await_shown(page, "ambient occlusion", |shown| shown.ambient_occlusion == occlusion);
+    for id in ["fog", "glow", "occlusion"] {
+        set(browser, id, "");
+    }
+    await_shown(page, "none of them", |shown| {
+        shown.fog.is_none() && shown.glow.is_none() && shown.ambient_occlusion.is_none()
+    });
+    browser.await_true("document.getElementById('fog').value === ''");
 }
 
 /// A view lies over the half of the wall that was chosen, the head moves, and the camera flies.

@@ -5,6 +5,7 @@ import { startAlignment } from "./alignment.js";
 import { steer } from "./camera.js";
 import { showDisplays, startDisplays } from "./displays.js";
 import { showHealth } from "./health.js";
+import { showLight, startLight } from "./light.js";
 import { pictures, placeChannels } from "./picture.js";
 import { plot, startPlots } from "./plots.js";
 import { ask, log, read } from "./requests.js";
@@ -16,6 +17,7 @@ function show() {
   showHealth();
   showScene();
   showDisplays();
+  showLight();
   showViews();
   if (!state.aim) state.camera = state.status.presentation.camera;
 }
@@ -63,6 +65,7 @@ function listen() {
 async function start() {
   steer();
   startDisplays();
+  startLight();
   startPlots();
   // A channel is red in time, also where no status comes any more.
   setInterval(showHealth, 250);

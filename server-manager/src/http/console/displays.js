@@ -1,4 +1,4 @@
-// What displays show of the picture: modes, patterns, light, bounds, pace, and when they rest.
+// What displays show of the picture: modes, patterns, bounds, pace, and when they rest.
 
 import { act, actAndDraw, log } from "./requests.js";
 import { byId, isFree, on, state } from "./state.js";
@@ -10,9 +10,6 @@ export function showDisplays() {
     button.setAttribute("aria-pressed", String(button.dataset.mode === shown.output_mode));
   }
   if (isFree("pattern")) byId("pattern").value = shown.pattern ?? "";
-  if (isFree("exposure")) byId("exposure").value = Math.log2(shown.exposure);
-  byId("exposure-value").textContent = Math.log2(shown.exposure).toFixed(2);
-  byId("automatic").checked = shown.is_exposure_automatic;
   if (isFree("error")) byId("error").value = shown.bounds.error_px;
   byId("error-value").textContent = shown.bounds.error_px;
   if (isFree("rate")) byId("rate").value = shown.bounds.rate_fps ?? "";
@@ -70,10 +67,6 @@ export function startDisplays() {
   }
   on("pattern", "change",
     () => act("PUT", "/api/v1/pattern", { pattern: byId("pattern").value || null }));
-  const stops = () => ({ stops: Number(byId("exposure").value) });
-  on("exposure", "change", () => actAndDraw("PUT", "/api/v1/exposure", stops()));
-  on("automatic", "change", () => actAndDraw("PUT", "/api/v1/exposure",
-    byId("automatic").checked ? { is_automatic: true } : stops()));
   const bounds = () => actAndDraw("PUT", "/api/v1/bounds", {
     error_px: Number(byId("error").value),
     rate_fps: byId("rate").value ? Number(byId("rate").value) : null,

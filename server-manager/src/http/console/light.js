@@ -1,0 +1,47 @@
+// How scenes are lit: exposure, tone mapper, fog, glow and ambient occlusion.
+
+import { actAndDraw, log } from "./requests.js";
+import { byId, isFree, on, state } from "./state.js";
+
+/** What is set by a number, none if it is empty: its path, and its value with that number. */
+const NUMBERS = {
+  fog: ["fog", (visibility, shown) =>
+    ({ height: 0, half_height: null, color: [1, 1, 1], ...shown, visibility })],
+  glow: ["glow", (strength, shown) => ({ width_degrees: 4, ...shown, strength })],
+  occlusion: ["ambient_occlusion", (radius) => ({ radius })],
+};
+
+/** Shows how scenes are lit. */
+export function showLight() {
+  const shown = state.status.presentation;
+  const show = (id, value) => { if (isFree(id)) byId(id).value = value; };
+  show("exposure", Math.log2(shown.exposure));
+  byId("exposure-value").textContent = Math.log2(shown.exposure).toFixed(2);
+  byId("automatic").checked = shown.is_exposure_automatic;
+  show("tone", shown.tone);
+  show("fog", shown.fog?.visibility ?? "");
+  show("glow", shown.glow?.strength ?? "");
+  show("occlusion", shown.ambient_occlusion?.radius ?? "");
+}
+
+function setNumber(id) {
+  const [name, valueOf] = NUMBERS[id];
+  const { value, validity } = byId(id);
+  if (validity.badInput) {
+    log(`${name.replaceAll("_", " ")}: write a number, or nothing for none`, true);
+    return;
+  }
+  const shown = state.status.presentation[name];
+  const wanted = value === "" ? null : valueOf(Number(value), shown);
+  actAndDraw("PUT", `/api/v1/${name}`, { [name]: wanted });
+}
+
+/** Lets the controls of light work. */
+export function startLight() {
+  const stops = () => ({ stops: Number(byId("exposure").value) });
+  on("exposure", "change", () => actAndDraw("PUT", "/api/v1/exposure", stops()));
+  on("automatic", "change", () => actAndDraw("PUT", "/api/v1/exposure",
+    byId("automatic").checked ? { is_automatic: true } : stops()));
+  on("tone", "change", () => actAndDraw("PUT", "/api/v1/tone", { tone: byId("tone").value }));
+  for (const id of Object.keys(NUMBERS)) on(id, "change", () => setNumber(id));
+}
