@@ -142,6 +142,7 @@ impl FrameResources {
         let mut shown = Vec::with_capacity(views.len());
         for view in views {
             let Some(rectangle) = view.rectangle(target.size()) else { continue };
+            let view = ViewDesc { tone, ..view };
             let visible = VisibleItems::new(scene, &view, rectangle);
             shown.push((view, visible));
         }
@@ -350,7 +351,6 @@ impl FrameResources {
         let environment = scene.environment.is_some();
         let variant = PipelineVariant {
             content: target.content(),
-            tone,
             environment,
             fog,
             ambient_occlusion,

@@ -243,11 +243,10 @@ impl Renderer {
     /// Prepares as [`Self::prepare`] does, for targets of this content.
     pub fn prepare_for(&mut self, gpu: &Gpu, scene: &GpuScene, content: ImageEncoding) {
         let environment = scene.environment.is_some();
-        let (tone, fog) = (self.tone, self.fog.is_some());
+        let fog = self.fog.is_some();
         let is_light = scene.needs_light(self.glow);
         let ambient_occlusion = self.ambient_occlusion.is_some();
-        let variant =
-            PipelineVariant { content, tone, environment, fog, ambient_occlusion, is_light };
+        let variant = PipelineVariant { content, environment, fog, ambient_occlusion, is_light };
         self.pipelines.prepare(gpu, &scene.layout.keys, variant);
         if let Some(occluders) = &mut self.occluders {
             occluders.prepare(gpu, &scene.layout.keys);
@@ -264,7 +263,7 @@ impl Renderer {
                     (&self.pipelines, &self.shadows),
                     scene,
                     &target,
-                    (tone, fog, ambient_occlusion),
+                    (self.tone, fog, ambient_occlusion),
                 );
                 warmed.map_err(|error| error.to_string())
             });
@@ -330,7 +329,7 @@ impl Renderer {
         begun: BegunFrame,
     ) -> Result<SubmittedFrame, DrawError> {
         let variant = begun.variant(scene, target);
-        (self.tone, self.fog, self.glow) = (variant.tone, begun.fog(), begun.glow());
+        (self.tone, self.fog, self.glow) = (begun.tone(), begun.fog(), begun.glow());
         self.ambient_occlusion = begun.ambient_occlusion();
         self.pipelines.prepare_look(gpu, &scene.layout.keys, variant);
         if variant.ambient_occlusion {

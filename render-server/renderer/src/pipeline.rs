@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use polyptych_scene::{ToneMapper, Topology, VertexLayout};
+use polyptych_scene::{Topology, VertexLayout};
 use polyptych_wall::ShadowFilter;
 
 use super::bindings::{self, FrameExtras};
@@ -80,7 +80,6 @@ pub(crate) struct PipelineKey {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct PipelineVariant {
     pub content: ImageEncoding,
-    pub tone: ToneMapper,
     /// Light comes from all around, by a map.
     pub environment: bool,
     /// Fog lies between the eye and what it sees.
@@ -96,7 +95,6 @@ pub(crate) struct PipelineVariant {
 struct Built {
     /// Into a float target.
     is_float: bool,
-    tone: ToneMapper,
     environment: bool,
     fog: bool,
     ambient_occlusion: bool,
@@ -121,14 +119,11 @@ impl PipelineVariant {
 
     /// The same with each look that a frame may bring.
     fn looks(self) -> impl Iterator<Item = Self> {
-        ToneMapper::ALL.into_iter().flat_map(move |tone| {
-            (0..8).map(move |bits| Self {
-                tone,
-                fog: bits & 1 != 0,
-                ambient_occlusion: bits & 2 != 0,
-                is_light: bits & 4 != 0,
-                ..self
-            })
+        (0..8).map(move |bits| Self {
+            fog: bits & 1 != 0,
+            ambient_occlusion: bits & 2 != 0,
+            is_light: bits & 4 != 0,
+            ..self
         })
     }
 }
@@ -158,13 +153,9 @@ impl PipelineKey {
 
     /// The pipeline of this key that a variant uses; several may use one.
     fn built(&self, variant: PipelineVariant) -> Built {
-        // What is tone-mapped later, unless it is highlighted, or shown as it is but for fog.
-        let is_mixed = self.material.highlighted || (variant.fog && !self.material.lit);
-        let is_mapped = !self.linear || is_mixed;
-        let tone = if is_mapped { variant.tone } else { ToneMapper::default() };
         let is_float = is_float(self, variant.content);
         let PipelineVariant { environment, fog, ambient_occlusion, .. } = variant;
-        Built { is_float, tone, environment, fog, ambient_occlusion }
+        Built { is_float, environment, fog, ambient_occlusion }
     }
 
     fn interface(&self, built: Built) -> Interface {
@@ -191,7 +182,7 @@ impl PipelineKey {
         }
     }
 
-    fn constants(&self, tone: ToneMapper) -> Vec<(&'static str, f64)> {
+    fn constants(&self) -> Vec<(&'static str, f64)> {
         let m = &self.material;
         let flag = |on: bool| f64::from(u8::from(on));
         let slot = |slot: TextureSlot| f64::from(slot as u8);
@@ -211,7 +202,6 @@ impl PipelineKey {
             ("SUN_COUNT", f64::from(self.sun_count)),
             ("LAMPS", flag(self.lamps)),
             ("MIRRORED", flag(self.mirrored)),
-            ("TONE_MAPPER", tone.number()),
         ];
         constants.extend(m.extensions.constants());
         if m.alpha != Alpha::Blend {
@@ -281,7 +271,7 @@ impl Pipelines {
         PipelineKey { shadows, linear: key.linear || variant.is_light, ..*key }
     }
 
-    /// Makes what is missing for another look (tone mapper, fog, ambient occlusion or glow), if the
+    /// Makes what is missing for another look (fog, ambient occlusion or glow), if the
     /// scene was prepared for one: a frame brings them, and a state only what stays.
     pub fn prepare_look(&mut self, gpu: &Gpu, keys: &[PipelineKey], variant: PipelineVariant) {
         let is_ready = |variant| keys.iter().all(|key| self.get(key, variant).is_some());
@@ -300,7 +290,6 @@ impl Pipelines {
     }
 
     fn build(&mut self, gpu: &Gpu, key: &PipelineKey, built: Built) -> wgpu::RenderPipeline {
-        let Built { is_float, tone, .. } = built;
         let blended = key.material.alpha == Alpha::Blend;
         let interface = key.interface(built);
         let layout = self.layouts.get(&key.layout_key(built));
@@ -325,11 +314,11 @@ impl Pipelines {
                 attributes: &instance_attributes,
             }),
         ];
-        let constants = key.constants(tone);
+        let constants = key.constants();
         let compilation_options =
             || wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
         let target = wgpu::ColorTargetState {
-            format: if is_float { LINEAR_FORMAT } else { DISPLAY_FORMAT },
+            format: if built.is_float { LINEAR_FORMAT } else { DISPLAY_FORMAT },
             blend: blended.then(|| blend_state(key.material.lit && !key.material.highlighted)),
             write_mask: wgpu::ColorWrites::ALL,
         };

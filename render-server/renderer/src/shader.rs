@@ -180,6 +180,11 @@ fn select(text: &str, holds: impl Fn(&str) -> bool) -> String {
     text.lines().filter(keep).flat_map(|line| [line, "\n"]).collect()
 }
 
+/// The tone mappers: the one in force is in the uniforms of a frame, or else a constant.
+fn tone(has_frame: bool) -> String {
+    select(TONE, |name| name == "frame" && has_frame)
+}
+
 /// A pass over the scene: `pass` holds its fragment stage.
 pub(crate) fn surface(interface: Interface, pass: &str) -> String {
     let (vertex, surface) = (interface.select(VERTEX), interface.select(SURFACE));
@@ -190,8 +195,9 @@ pub(crate) fn surface(interface: Interface, pass: &str) -> String {
     let extension = interface.select(&interface.extensions.text());
     let fog = if interface.fog { FOG } else { "" };
     let occlusion = if interface.ambient_occlusion { AMBIENT_OCCLUSION } else { "" };
+    let tone = &tone(true);
     let before = [FRAME, map, &vertex, MATERIAL, &extension, &shadow, fog, occlusion];
-    [&before.concat()[..], &surface, light, TONE, pass].concat()
+    [&before.concat()[..], &surface, light, tone, pass].concat()
 }
 
 /// A pass over the pixels behind everything, which show an environment, or the sky behind fog.
@@ -202,12 +208,12 @@ pub(crate) fn surroundings(pass: &str, has_environment: bool, has_fog: bool) -> 
         "environment" => has_environment,
         _ => name == "fog" && has_fog,
     });
-    [FRAME, map, SCREEN, TONE, fog, &pass].concat()
+    [FRAME, map, SCREEN, &tone(true), fog, &pass].concat()
 }
 
 /// A pass over the pixels of a picture.
 pub(crate) fn screen(pass: &str) -> String {
-    [SCREEN, TONE, pass].concat()
+    [SCREEN, &tone(false), pass].concat()
 }
 
 /// A pass over the depth of a picture, of one sample or of several for each pixel.

@@ -105,6 +105,8 @@ pub(crate) struct FrameUniform {
     pub lamp_cells: [u32; 3],
     pub surroundings: f32,
     pub occlusion: OcclusionPlace,
+    pub tone_mapper: u32,
+    pub pad: [u32; 3],
     pub suns: [DirectionalLightRecord; SUNS_MAX],
 }
 
@@ -263,6 +265,8 @@ impl ViewDesc {
             lamp_cells: grid.map_or([0; 3], |grid| grid.cells.to_array()),
             surroundings: scene.surroundings_scale(),
             occlusion: OcclusionPlace::default(),
+            tone_mapper: self.tone.number() as u32,
+            pad: [0; 3],
             suns,
         }
     }

@@ -49,6 +49,11 @@ impl BegunFrame {
         Self { sky: Vec3::ZERO, ..self }
     }
 
+    /// The way of its light to what is shown.
+    pub(crate) fn tone(&self) -> ToneMapper {
+        self.tone
+    }
+
     /// Fog that its views look through.
     pub(crate) fn fog(&self) -> Option<Fog> {
         self.fog
@@ -68,7 +73,6 @@ impl BegunFrame {
     pub(crate) fn variant(&self, scene: &GpuScene, target: &Target) -> PipelineVariant {
         PipelineVariant {
             content: target.content(),
-            tone: self.tone,
             environment: scene.environment.is_some(),
             fog: self.fog.is_some(),
             ambient_occlusion: self.ambient_occlusion().is_some(),

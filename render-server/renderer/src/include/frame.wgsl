@@ -39,6 +39,11 @@ struct Frame {
     // The radiance of a map of the surroundings is times this.
     surroundings: f32,
     occlusion: OcclusionPlace,
+    // The number of a `ToneMapper`.
+    tone_mapper: u32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
     suns: array<Sun, 4>,
 }
 

@@ -1,16 +1,15 @@
 // From scene light to display light, both linear. `tone.rs` is its twin.
 
+override TONE_MAPPER: u32 = 0u; //? !frame
 // What a float target can hold; also turns NaN into a number.
 const LIGHT_MAX: f32 = 60000.0;
 
-// The numbers of `ToneMapper`.
-override TONE_MAPPER: u32 = 0u;
-
-fn tone_map(light: vec3<f32>) -> vec3<f32> {
-    if TONE_MAPPER == 1u {
+// By the number of a `ToneMapper`.
+fn tone_map_by(mapper: u32, light: vec3<f32>) -> vec3<f32> {
+    if mapper == 1u {
         return tone_map_aces(light);
     }
-    if TONE_MAPPER == 2u {
+    if mapper == 2u {
         return clamp(light, vec3<f32>(0.0), vec3<f32>(1.0));
     }
     return tone_map_neutral(light);
@@ -38,6 +37,11 @@ fn tone_map_neutral(light: vec3<f32>) -> vec3<f32> {
     let g = 1.0 / (desaturation * (peak - new_peak) + 1.0);
     let compressed = mix(vec3<f32>(new_peak), shifted * (new_peak / max(peak, start)), g);
     return select(compressed, shifted, peak < start);
+}
+
+fn tone_map(light: vec3<f32>) -> vec3<f32> {
+    return tone_map_by(frame.tone_mapper, light); //? frame
+    return tone_map_by(TONE_MAPPER, light); //? !frame
 }
 
 // Display light of one pixel of the float target. Its alpha is the part of its colour that is

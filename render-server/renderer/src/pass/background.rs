@@ -9,7 +9,6 @@ use std::collections::BTreeMap;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3};
-use polyptych_scene::ToneMapper;
 
 use crate::bindings::{self, FrameExtras, uniform_stride};
 use crate::frame::DrawContext;
@@ -61,7 +60,6 @@ fn directions(view: &ViewDesc, width: f64, height: f64) -> [DVec3; 3] {
 struct PipelineOf {
     is_linear: bool,
     is_float: bool,
-    tone: ToneMapper,
     samples: u32,
     extras: FrameExtras,
     has_fog: bool,
@@ -121,11 +119,9 @@ impl BackgroundPass {
         });
         let is_linear = target.is_linear();
         let is_float = is_linear || target.content() == ImageEncoding::Light;
-        let tone = if is_linear { ToneMapper::default() } else { variant.tone };
         let key = PipelineOf {
             is_linear,
             is_float,
-            tone,
             samples: target.samples(),
             extras: variant.frame_extras(),
             has_fog: variant.fog,
@@ -153,7 +149,7 @@ fn pipeline(
     group_layout: &wgpu::BindGroupLayout,
     key: PipelineOf,
 ) -> wgpu::RenderPipeline {
-    let PipelineOf { is_linear, is_float, tone, samples, extras, has_fog } = key;
+    let PipelineOf { is_linear, is_float, samples, extras, has_fog } = key;
     let source = shader::surroundings(SOURCE, extras.environment, has_fog);
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("background/shader"),
@@ -165,8 +161,7 @@ fn pipeline(
         bind_group_layouts: &[Some(&frame), Some(group_layout)],
         immediate_size: 0,
     });
-    let constants =
-        [("TONE_MAPPED", f64::from(u8::from(!is_linear))), ("TONE_MAPPER", tone.number())];
+    let constants = [("TONE_MAPPED", f64::from(u8::from(!is_linear)))];
     let format = if is_float { LINEAR_FORMAT } else { DISPLAY_FORMAT };
     gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("background/pipeline"),

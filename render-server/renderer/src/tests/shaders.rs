@@ -181,7 +181,7 @@ fn uniforms_match_their_twins() {
     inverse_gamma, texel }
     twin! { "Frame", FrameUniform, clip_from_eye, sky, exposure, ground, fog_fall, eye, fog,
     lamp_origin, cells_per_unit, lamp_cells, surroundings, occlusion,
-    suns }
+    tone_mapper, suns }
     twin!("OcclusionPlace", OcclusionPlace, offset, texels_per_pixel, relative, absolute);
     twin! { "Occlusion", OcclusionUniform, eye_from_texel, eye, depths, to_depth, radius, share,
     texels, relative, absolute }
