@@ -18,6 +18,7 @@ mod http;
 mod keys;
 mod login;
 mod manager;
+mod negative_numbers;
 mod node;
 mod pattern;
 mod progress;
@@ -64,6 +65,7 @@ use polyptych_wall::limits::PORT_DEFAULT;
 use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
 
 use crate::logging::{self, LogOptions};
+use negative_numbers::with_negative_numbers;
 
 /// One scene, many displays, one frame.
 #[derive(Debug, Parser)]
@@ -251,7 +253,7 @@ impl Cli {
 
 /// The command as its help, manual and completions describe it.
 fn command() -> clap::Command {
-    examples::with_examples(Cli::command())
+    examples::with_examples(with_negative_numbers(Cli::command()))
 }
 
 /// The arguments of this process; ends it with a message if they are wrong.
@@ -266,7 +268,7 @@ pub(crate) fn parse() -> Cli {
 /// The message of this program about them, in one line.
 pub(crate) fn check_command_line(arguments: &[String]) -> Result<(), String> {
     let words = std::iter::once("polyptych").chain(arguments.iter().map(String::as_str));
-    let Err(error) = Cli::try_parse_from(words) else { return Ok(()) };
+    let Err(error) = command().try_get_matches_from(words) else { return Ok(()) };
     let text = error.to_string();
     let said = text.split("\n\nUsage").next().unwrap_or_default();
     let said = said.split_whitespace().collect::<Vec<_>>().join(" ");

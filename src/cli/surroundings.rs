@@ -115,7 +115,7 @@ pub(super) fn environment(arguments: &EnvironmentArguments) -> anyhow::Result<()
 pub(super) struct ExposureArguments {
     /// In stops: 1 is twice as bright as 0, and -1 half as bright; 0 shows a radiance of 1 as it
     /// is. Or "auto", by what the wall shows. Without it, say how it is
-    #[arg(value_name = "EV|auto", value_parser = wish, allow_negative_numbers = true)]
+    #[arg(value_name = "EV|auto", value_parser = wish)]
     wish: Option<Exposure>,
     #[command(flatten)]
     manager: ManagerAddress,
@@ -185,7 +185,7 @@ pub(super) struct FogArguments {
     #[arg(value_name = "VISIBILITY|none", value_parser = visibility)]
     visibility: Option<Visibility>,
     /// The height, as Y in world units, at which one sees that far
-    #[arg(long, value_name = "Y", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "Y", default_value_t = 0.0)]
     height: f64,
     /// Let half of it be left with each so many units above, and twice as much be below [default:
     /// the same everywhere]
