@@ -4,7 +4,7 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use glam::{DAffine3, DQuat, DVec3, Vec3, Vec4};
+use glam::{DAffine3, DMat4, DQuat, DVec3, Vec3, Vec4};
 use polyptych_scene::{Light, LightKind, Material, ToneMapper};
 
 use super::environment::uniform;
@@ -116,7 +116,10 @@ fn shown(
     }
     let scene = stage.build().with_environment(environment);
     let mut renderer = Renderer::new(gpu(), 1).unwrap();
-    let view = ViewDesc { tone, ..look(aslant(mu) * 3.0, DVec3::ZERO, [1, 1]) };
+    let view = look(aslant(mu) * 3.0, DVec3::ZERO, [1, 1]);
+    // GPUs place vertices to 1/256 of a pixel, which is to be a small angle.
+    let narrow = DMat4::from_scale(DVec3::new(50.0, 50.0, 1.0));
+    let view = ViewDesc { tone, clip_from_view: narrow * view.clip_from_view, ..view };
     renderer.prepare_for(gpu(), &scene, ImageEncoding::Light);
     let mut target =
         Target::with_encoding(gpu(), [1, 1], 1, scene.has_transparency(), ImageEncoding::Light)

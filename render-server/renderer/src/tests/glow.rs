@@ -159,7 +159,8 @@ fn views_of_any_number_glow_as_one_does() {
         let wanted = draw_sampled(&scene, CANVAS, samples, &[view(Some(Glow::new(0.5)))]).0;
         let found = draw_sampled(&scene, CANVAS, samples, &views).0;
         let [differing, more, _] = differences(&found, &wanted);
-        assert!(differing * 10_000 <= wanted.len() && more == 0, "{differing}, {more}");
+        // None by a software driver; 300 by an H200, which filters with fractions of 1/256.
+        assert!(differing * 1_000 <= wanted.len() && more == 0, "{differing}, {more}");
     }
 }
 

@@ -134,7 +134,7 @@ fn drawn(wall: &Wall, scene: &SceneFixture, views: &[View], steps: &[u8]) -> Vec
         shapes: Arc::default(),
         motion: None,
     });
-    thread.finish(Arc::clone(&state)).expect("finished");
+    finish(&mut thread, Arc::clone(&state));
     let scene = Rc::new(scene.build());
     thread.prepare(&state, &scene);
     thread.states.back_mut().expect("a state").scene = scene;
@@ -198,7 +198,8 @@ fn tiles_of_fewer_pixels_have_no_seam() {
                 // As with all pixels, f32 may round an edge to another sample in another tile.
                 assert!(off <= 12 && mean < 0.002, "{case}");
                 if samples == 1 {
-                    assert!(most <= 1, "{case}: {most}");
+                    // 1 by a software driver; 3 by an H200, which filters with fractions of 1/256.
+                    assert!(most <= 3, "{case}: {most}");
                 }
             }
         }
