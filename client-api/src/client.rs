@@ -272,8 +272,8 @@ impl Client {
         self.done("set the tone mapper", Request::SetTone(tone)).await
     }
 
-    /// Lays fog over all that cameras see, from the next frame on; `None` takes it away. Plans,
-    /// whose rays are parallel, have none.
+    /// Lays fog over all that cameras see; `None` takes it away. Returns once every live channel
+    /// can draw so, and frames have it. Plans, whose rays are parallel, have none.
     ///
     /// # Errors
     /// [`ClientError`]; a number that no fog has.
@@ -281,8 +281,8 @@ impl Client {
         self.done("set the fog", Request::SetFog(fog)).await
     }
 
-    /// Spreads light around what is bright, from the next frame on; `None` ends it. Plans, whose
-    /// rays are parallel, have none.
+    /// Spreads light around what is bright; `None` ends it. Returns once every live channel can
+    /// draw so, and frames have it. Plans, whose rays are parallel, have none.
     ///
     /// # Errors
     /// [`ClientError`]; a number that no glow has.
@@ -290,8 +290,8 @@ impl Client {
         self.done("set the glow", Request::SetGlow(glow)).await
     }
 
-    /// Darkens corners and gaps, which get less of the light from all around, from the next frame
-    /// on; `None` ends it.
+    /// Darkens corners and gaps, which get less of the light from all around; `None` ends it.
+    /// Returns once every live channel can draw so, and frames have it.
     ///
     /// # Errors
     /// [`ClientError`]; a radius that is not above 0.

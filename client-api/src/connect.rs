@@ -76,8 +76,9 @@ pub struct ConnectOptions {
 /// The time limits of the answers to requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timeouts {
-    /// For opening a scene, which includes baking it, and for exporting one: two minutes by default
-    /// from each message about its progress on.
+    /// For opening a scene, which includes baking it, for exporting one, and for surroundings and
+    /// effects of light, which displays get ready for: two minutes by default from each message
+    /// about its progress on.
     pub open_scene: Duration,
     /// For a capture with its pictures: one minute by default.
     pub capture: Duration,
@@ -99,7 +100,11 @@ impl Timeouts {
             Request::OpenScene { .. }
             | Request::OpenOutcome { .. }
             | Request::OpenSession { .. }
-            | Request::ExportScene { .. } => self.open_scene,
+            | Request::ExportScene { .. }
+            | Request::SetEnvironment(_)
+            | Request::SetFog(_)
+            | Request::SetGlow(_)
+            | Request::SetAmbientOcclusion(_) => self.open_scene,
             Request::Capture { .. } | Request::Preview => self.capture,
             _ => self.other,
         }

@@ -1,6 +1,6 @@
 //! The presentation of the wall's state. Frames, the manager's memory and every status share it.
 
-use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, Fog, Glow, LightEffects, ToneMapper};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
@@ -50,6 +50,15 @@ pub struct Presentation {
 }
 
 impl Presentation {
+    /// Returns the effects that frames have.
+    pub fn effects(&self) -> LightEffects {
+        LightEffects {
+            fog: self.fog.is_some(),
+            glow: self.glow.is_some(),
+            ambient_occlusion: self.ambient_occlusion.is_some(),
+        }
+    }
+
     /// The scene's own place at the scene's own light, seen from here.
     pub fn new(head: HeadPose) -> Self {
         Self {

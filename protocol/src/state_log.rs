@@ -7,7 +7,7 @@ use std::sync::Arc;
 use glam::DVec2;
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::residency::SeenFrom;
-use polyptych_scene::{Edit, SceneEdits};
+use polyptych_scene::{Edit, LightEffects, SceneEdits};
 use polyptych_wall::{ChannelCalibration, ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
@@ -48,6 +48,8 @@ pub enum Operation {
     /// The open scene is seen from these places, which decide what servers hold of it where all is
     /// more than their budget.
     SetSeenFrom(Vec<SeenFrom>),
+    /// Frames have these effects.
+    SetEffects(LightEffects),
 }
 
 /// Maximum size of a wall's description, in encoded bytes: it travels in one message, beside a
@@ -96,6 +98,9 @@ pub struct Replica {
     /// The surroundings of scenes, if not their own sky.
     #[serde(default)]
     pub environment: Option<Environment>,
+    /// The effects that frames have, or will have from the next one on.
+    #[serde(default)]
+    pub effects: LightEffects,
     /// The places that the open scene is seen from, as far as servers need them; none after it was
     /// opened.
     #[serde(default)]
@@ -173,6 +178,7 @@ impl Replica {
             Operation::SetEdits(edits) => self.edits = *edits,
             Operation::SetEnvironment(environment) => self.environment = environment,
             Operation::SetSeenFrom(places) => self.seen_from = places,
+            Operation::SetEffects(effects) => self.effects = effects,
         }
         self.revision.0 += 1;
     }
@@ -205,7 +211,9 @@ impl Replica {
         let places = &self.seen_from;
         let seen_from = (!places.is_empty()).then(|| Operation::SetSeenFrom(places.clone()));
         let scene = scene.into_iter().chain(edits).chain(seen_from);
-        wall.into_iter().chain(scene).chain(environment).collect()
+        let has_effects = self.effects != LightEffects::default();
+        let effects = has_effects.then_some(Operation::SetEffects(self.effects));
+        wall.into_iter().chain(scene).chain(environment).chain(effects).collect()
     }
 
     /// The state that a snapshot of this revision folds to.
@@ -227,7 +235,10 @@ impl Replica {
         let revision = part(3, &self.revision.0.to_le_bytes());
         let scene = scene.wrapping_add(self.edits.fingerprint());
         let environment = self.environment.as_ref().map_or(0, |of| part(5, &of.blob.0));
-        let scene = scene.wrapping_add(environment);
+        let LightEffects { fog, glow, ambient_occlusion } = self.effects;
+        let effects = [fog, glow, ambient_occlusion].map(u8::from);
+        let effects = if effects == [0; 3] { 0 } else { part(7, &effects) };
+        let scene = scene.wrapping_add(environment).wrapping_add(effects);
         let places = &self.seen_from;
         let seen_from =
             if places.is_empty() { 0 } else { part(6, &polyptych_codec::encode(places)) };
@@ -264,6 +275,13 @@ mod tests {
         assert_eq!((&surrounded, surrounded.digest()), (&replica, replica.digest()));
         replica.environment = None;
         assert_ne!(surrounded.digest(), replica.digest(), "the environment is in the digest");
+
+        replica
+            .apply(Operation::SetEffects(LightEffects { glow: true, ..LightEffects::default() }));
+        let glowing = Replica::from_snapshot(replica.revision, replica.snapshot());
+        assert_eq!((&glowing, glowing.digest()), (&replica, replica.digest()));
+        replica.effects = LightEffects { fog: true, ..LightEffects::default() };
+        assert_ne!(glowing.digest(), replica.digest(), "the effects are in the digest");
 
         let place = SeenFrom { position: DVec3::ONE, density: 1000.0, is_parallel: false };
         let manifest = BlobHash::of(b"d");

@@ -26,6 +26,7 @@ use polyptych_renderer::{
     Gpu, GpuScene, MovedItems, OcclusionCulling, Renderer, SceneBuilder, SceneLayout,
 };
 use polyptych_wall::Wall;
+use preparation::Preparation;
 use recovery::Losses;
 use tokio::sync::mpsc;
 use winit::dpi::PhysicalSize;
@@ -156,6 +157,8 @@ pub(crate) struct RenderThread {
     building: Option<SceneBuilder>,
     /// The layout of the latest scene in the state that is finished next.
     relayout: Option<(Arc<SceneLayout>, Option<Arc<MovedItems>>)>,
+    /// The state that is made drawable, if one is.
+    preparation: Option<Preparation>,
     showing: PresentationState,
     /// The last frame that was drawn and is to be metered, until it is shown; ordinary ones may
     /// have been drawn since.
@@ -192,6 +195,7 @@ impl RenderThread {
             moment: None,
             building: None,
             relayout: None,
+            preparation: None,
             showing: PresentationState::default(),
             to_meter: None,
             patterns: BTreeMap::new(),
@@ -214,6 +218,7 @@ impl RenderThread {
             }
             match self.playback.poll(self.manager_us()) {
                 Some(act) => self.perform(act),
+                None if self.continues_preparation() => self.continue_preparation(),
                 None => self.wait(),
             }
             if let Some(fault) = self.gpu.first_fault() {
@@ -248,6 +253,7 @@ impl RenderThread {
                 Ok(upload) => self.upload(upload),
                 Err(_) => self.is_stopping = true,
             },
+            recv(self.pipelines_made()) -> pipelines => self.take_pipelines(pipelines.ok()),
             default(self.note_wait().min(self.show_wait())) => self.end_notes(),
         }
     }
@@ -349,6 +355,13 @@ impl RenderThread {
         let room = begun.duration_since(self.uploads_ended) / UPLOAD_SHARE;
         let end = begun + room.min(UPLOAD_TIME_MAX);
         loop {
+            if self.continues_preparation() {
+                self.continue_preparation();
+                if Instant::now() >= end {
+                    break;
+                }
+                continue;
+            }
             // The next one is being read, unless it comes over a network.
             let wait = if self.building.is_some() { UPLOAD_WAIT_MAX } else { Duration::ZERO };
             let patience = end.saturating_duration_since(Instant::now()).min(wait);
@@ -388,13 +401,11 @@ impl RenderThread {
                 self.build(|_, builder| builder.upload_deformer(mesh, primitive, &bytes))
             }
             Upload::Finish { state, answer } => {
-                let finished = self.finish(state);
-                // The loader waits for this; should it have ended, nobody does.
-                let _ = answer.send(finished);
+                self.begin_preparation(state, answer);
                 Ok(())
             }
             Upload::Abandon => {
-                (self.building, self.relayout) = (None, None);
+                (self.building, self.relayout, self.preparation) = (None, None, None);
                 Ok(())
             }
         };

@@ -40,6 +40,16 @@ from .wall import Wall
 REQUEST_BYTES_MAX = 4 << 20
 
 _PREVIEW_WIDTH = 960
+
+#: Requests that are answered once all displays are ready for what they change.
+_PREPARED = (
+    "OpenScene",
+    "OpenOutcome",
+    "SetEnvironment",
+    "SetFog",
+    "SetGlow",
+    "SetAmbientOcclusion",
+)
 _CAPTURE = "capture the wall"
 
 
@@ -146,9 +156,8 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         if kind == "OpenSession":
             # Its scene may be any of those that are being opened.
             return self._post_request(request, self._opening(None, None))
-        is_long = kind in ("OpenScene", "OpenOutcome", "SetEnvironment")
         timeouts = self._options.timeouts
-        timeout_s = timeouts.open_scene if is_long else timeouts.other
+        timeout_s = timeouts.open_scene if kind in _PREPARED else timeouts.other
         return self._post_request(request, Call("", "", "", timeout_s))
 
     def open_scene(

@@ -50,15 +50,15 @@ class DisplayCalls(Requests):
         self._do({"SetTone": tone})
 
     def set_fog(self, fog: Optional[Fog]) -> None:
-        """Lays fog over all that cameras see, from the next frame on; ``None`` takes it away."""
+        """Lays fog over what cameras see; ``None`` takes it away. Returns once frames have it."""
         self._do({"SetFog": fog})
 
     def set_glow(self, glow: Optional[Glow]) -> None:
-        """Spreads light around what is bright, from the next frame on; ``None`` ends it."""
+        """Spreads light around what is bright; ``None`` ends it. Returns once frames have it."""
         self._do({"SetGlow": glow})
 
     def set_ambient_occlusion(self, occlusion: Optional[AmbientOcclusion]) -> None:
-        """Darkens corners and gaps, from the next frame on; ``None`` ends it."""
+        """Darkens corners and gaps; ``None`` ends it. Returns once frames have it."""
         self._do({"SetAmbientOcclusion": occlusion})
 
     def set_bounds(self, bounds: QualityBounds) -> None:

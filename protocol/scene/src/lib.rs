@@ -18,6 +18,7 @@ mod glow;
 mod lamp_maps;
 mod layers;
 mod level_cut;
+mod light_effects;
 pub mod limits;
 mod material;
 mod material_extensions;
@@ -59,6 +60,7 @@ pub use glow::{GLOW_OCTAVES, Glow};
 pub use lamp_maps::{LAMP_MAPS_MAX, SPOT_MAP_RAD_MAX, lamps_with_maps};
 pub use layers::{Layers, NodeTraits, SceneSubset};
 pub use level_cut::{CUTS_MAX, LevelCut};
+pub use light_effects::LightEffects;
 pub use material::{AlphaMode, Material, TextureRef};
 pub use material_extensions::{
     Anisotropy, Clearcoat, DiffuseTransmission, EXTENSION_SLOTS, EXTENSION_TEXTURES_MAX,

@@ -263,12 +263,12 @@ impl DrawList {
 }
 
 /// One draw of each pipeline with each material: all that a driver may have to compile.
-pub(crate) fn samples_of(scene: &GpuScene) -> Vec<Draw> {
+pub(crate) fn samples_of(scene: &GpuScene, of: u32) -> Vec<Draw> {
     let mut known = BTreeSet::new();
     let mut draws = Vec::new();
     for (batch, b) in (0u32..).zip(&scene.layout.batches) {
         let pipelines = [b.back_pipeline, Some(b.pipeline), b.ordered_pipeline];
-        for pipeline in pipelines.into_iter().flatten() {
+        for pipeline in pipelines.into_iter().flatten().filter(|pipeline| *pipeline == of) {
             if known.insert((pipeline, b.material)) {
                 let indices = [0, scene.geometry_of(batch).index_count];
                 let first_draw =

@@ -36,6 +36,7 @@ use super::pass::occluder::OccluderPass;
 use super::pass::tonemap::{Tonemap, light_color};
 use super::pipeline::{InstanceRecord, PipelineVariant, Pipelines};
 use super::scene::GpuScene;
+use super::scene_pipelines::ScenePipelines;
 use super::target::Target;
 use super::tone::{LIGHT_MAX, tone_map};
 use super::view::{AllowedError, ViewDesc};
@@ -165,7 +166,7 @@ impl FrameResources {
     pub fn submit(
         &mut self,
         gpu: &Gpu,
-        (pipelines, occluders, shadows): (&Pipelines, Option<&OccluderPass>, &mut Shadows),
+        (pipelines, occluders, shadows): (&ScenePipelines, Option<&OccluderPass>, &mut Shadows),
         scene: &GpuScene,
         target: &mut Target,
         begun: BegunFrame,
@@ -177,10 +178,12 @@ impl FrameResources {
         let hidden = depths.map(|of| of.leave_out_hidden(gpu, scene, target, &mut shown));
         let hidden = hidden.transpose()?;
         let searched = start.elapsed();
-        let FrameShadows { groups, drawn } = shadows.draw(self, gpu, scene, &shown)?;
-        let found = ready(pipelines, scene, variant)?;
+        let with = (&mut *self, &pipelines.casters);
+        let FrameShadows { groups, drawn } = shadows.draw(with, gpu, scene, &shown)?;
+        let found = ready(&pipelines.surfaces, scene, variant)?;
         let pictures = behind::planned(scene, &shown);
-        let occlusion = self.draw_occlusion(gpu, &shadows.pass, scene, (&shown, &pictures))?;
+        let casters = &pipelines.casters;
+        let occlusion = self.draw_occlusion(gpu, casters, scene, (&shown, &pictures))?;
         let occlusion = occlusion.as_ref();
         let with = DrawnWith { pipelines: &found, variant, shadows: &groups, occlusion };
         let behind = self.draw_behind(gpu, &with, scene, target, (&shown, pictures))?;
@@ -317,17 +320,18 @@ impl FrameResources {
         }
     }
 
-    /// Draws a little with everything that the scene draws with, onto a target of one pixel, so
-    /// that the driver compiles now and not in the first frame. Nothing shows: the one instance
-    /// has a matrix of zeros.
+    /// Draws a little with one of the scene's pipelines, and each of its materials, onto a target
+    /// of one pixel, so that the driver compiles now and not in the first frame. Nothing shows: the
+    /// one instance has a matrix of zeros.
     pub fn prewarm(
         &mut self,
         gpu: &Gpu,
         (pipelines, shadows): (&Pipelines, &Shadows),
         scene: &GpuScene,
         target: &Target,
-        (tone, fog, ambient_occlusion): (ToneMapper, bool, bool),
+        (variant, pipeline): (PipelineVariant, u32),
     ) -> Result<(), DrawError> {
+        let tone = ToneMapper::default();
         let view = ViewDesc {
             eye_in_world: DVec3::ZERO,
             middle_eye_in_world: DVec3::ZERO,
@@ -344,24 +348,16 @@ impl FrameResources {
             allowed_error: AllowedError::NONE,
             has_shadows: false,
         };
-        let opaque = samples_of(scene);
+        let opaque = samples_of(scene, pipeline);
         let lists = [DrawList { rectangle: [0, 0, 1, 1], opaque, ..DrawList::default() }];
         self.clear_lists();
         self.records.push(InstanceRecord::default());
-        let environment = scene.environment.is_some();
-        let variant = PipelineVariant {
-            content: target.content(),
-            environment,
-            fog,
-            ambient_occlusion,
-            is_light: target.is_linear(),
-        };
         let background = self.background(gpu, scene, target, (variant, &[&view]));
         let bindings = FrameBindings {
             pipelines: ready(pipelines, scene, variant)?,
             environment: scene.environment.as_deref(),
             behind: self.behind_nothing(gpu, scene),
-            occlusion: ambient_occlusion.then(|| self.occlusion.none(gpu)),
+            occlusion: variant.ambient_occlusion.then(|| self.occlusion.none(gpu)),
         };
         let mut context = self.context(gpu, bindings, scene, vec![&view], &lists);
         // A multiple of what points, lines and triangles take.

@@ -34,6 +34,7 @@ mod pipeline;
 mod readback;
 mod region_group;
 mod scene;
+mod scene_pipelines;
 mod shader;
 mod shadow_cascades;
 mod shadow_uniform;
@@ -65,14 +66,15 @@ pub use readback::{ReadError, read_picture, read_pixels};
 pub use scene::{
     ContentPlace, GpuScene, MovedItems, MovedNode, SceneBuilder, SceneError, SceneLayout,
 };
+pub use scene_pipelines::{PipelineNeeds, ScenePipelines};
 pub use target::{Target, TargetError};
 pub use text::rasterize;
 pub use view::{AllowedError, ViewDesc};
 
 use std::time::{Duration, Instant};
 
-use pipeline::PipelineVariant;
-use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
+use pass::shadow::Sides;
+use polyptych_scene::LightEffects;
 use polyptych_wall::ShadowFilter;
 
 /// Why a frame was not drawn.
@@ -153,18 +155,11 @@ impl DrawStats {
 #[derive(Debug)]
 pub struct Renderer {
     samples: u32,
-    pipelines: pipeline::Pipelines,
+    pipelines: ScenePipelines,
     frames: frame::FrameResources,
-    /// `None` where the driver cannot.
-    occluders: Option<pass::occluder::OccluderPass>,
     shadows: frame::Shadows,
     enlarge: pass::enlarge::EnlargePass,
     occlusion: OcclusionCulling,
-    /// The tone mapper of the last frame, for which the next scene is prepared.
-    tone: ToneMapper,
-    fog: Option<Fog>,
-    glow: Option<Glow>,
-    ambient_occlusion: Option<AmbientOcclusion>,
 }
 
 impl Renderer {
@@ -176,23 +171,13 @@ impl Renderer {
         if samples != 1 && samples != 4 {
             return Err(TargetError::Samples(samples));
         }
-        let (pipelines, frames) =
-            (pipeline::Pipelines::new(gpu, samples), frame::FrameResources::new(gpu));
-        let occluders = pass::occluder::OccluderPass::new(gpu, samples);
-        let enlarge = pass::enlarge::EnlargePass::new(gpu);
-        let shadows = frame::Shadows::new(gpu);
         Ok(Self {
             samples,
-            pipelines,
-            frames,
-            occluders,
-            shadows,
-            enlarge,
+            pipelines: ScenePipelines::new(gpu, samples),
+            frames: frame::FrameResources::new(gpu),
+            shadows: frame::Shadows::new(gpu),
+            enlarge: pass::enlarge::EnlargePass::new(gpu),
             occlusion: OcclusionCulling::default(),
-            tone: ToneMapper::default(),
-            fog: None,
-            glow: None,
-            ambient_occlusion: None,
         })
     }
 
@@ -203,33 +188,23 @@ impl Renderer {
 
     /// Sets what edges shadows have. Scenes are to be prepared with it before they are drawn.
     pub fn set_shadows(&mut self, shadows: ShadowFilter) {
-        self.pipelines.shadows = shadows;
+        self.pipelines.surfaces.shadows = shadows;
         self.shadows.is_off = shadows == ShadowFilter::Off;
-    }
-
-    /// The tone mapper of the last frame, which scenes are prepared for.
-    pub fn tone(&self) -> ToneMapper {
-        self.tone
-    }
-
-    /// The fog of the last frame, as the tone mapper.
-    pub fn fog(&self) -> Option<Fog> {
-        self.fog
-    }
-
-    /// The glow of the last frame, as the tone mapper.
-    pub fn glow(&self) -> Option<Glow> {
-        self.glow
-    }
-
-    /// The ambient occlusion of the last frame, as the tone mapper.
-    pub fn ambient_occlusion(&self) -> Option<AmbientOcclusion> {
-        self.ambient_occlusion
     }
 
     /// Samples per pixel.
     pub fn samples(&self) -> u32 {
         self.samples
+    }
+
+    /// The pipelines that it has.
+    pub fn pipelines(&self) -> &ScenePipelines {
+        &self.pipelines
+    }
+
+    /// Takes pipelines that a copy of [`Self::pipelines`] has beside its own.
+    pub fn add_pipelines(&mut self, pipelines: ScenePipelines) {
+        self.pipelines.add(pipelines);
     }
 
     /// Makes the pipelines that the scene needs and that are not there yet, and has the driver
@@ -242,34 +217,46 @@ impl Renderer {
 
     /// Prepares as [`Self::prepare`] does, for targets of this content.
     pub fn prepare_for(&mut self, gpu: &Gpu, scene: &GpuScene, content: ImageEncoding) {
-        let environment = scene.environment.is_some();
-        let fog = self.fog.is_some();
-        let is_light = scene.needs_light(self.glow);
-        let ambient_occlusion = self.ambient_occlusion.is_some();
-        let variant = PipelineVariant { content, environment, fog, ambient_occlusion, is_light };
-        self.pipelines.prepare(gpu, &scene.layout.keys, variant);
-        if let Some(occluders) = &mut self.occluders {
-            occluders.prepare(gpu, &scene.layout.keys);
-        }
+        let needs = PipelineNeeds::new(scene, content, LightEffects::default());
+        self.prepare_with(gpu, scene, &needs);
+    }
+
+    /// Prepares as [`Self::prepare`] does, for these needs of the scene; nothing if they are met.
+    pub fn prepare_with(&mut self, gpu: &Gpu, scene: &GpuScene, needs: &PipelineNeeds) {
         self.shadows.prepare(gpu, scene);
-        if ambient_occlusion {
-            self.shadows.prepare_depths(gpu, scene);
+        if self.pipelines.meet(needs) {
+            return;
         }
+        self.pipelines.complete(gpu, needs);
+        let mut step = 0;
+        while self.warm(gpu, scene, needs, step) {
+            step += 1;
+        }
+    }
+
+    /// Draws a little, unseen, with one of the scene's pipelines, whose number is `step`: some
+    /// drivers compile one where it is used first. Returns whether there is a next step.
+    pub fn warm(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        needs: &PipelineNeeds,
+        step: usize,
+    ) -> bool {
+        self.shadows.prepare(gpu, scene);
+        let with = (&self.pipelines.surfaces, &self.shadows);
+        let of = (needs.variant(), step as u32);
+        let (is_light, content) = (needs.is_light(), needs.content);
         let warmed = Target::with_encoding(gpu, [1, 1], self.samples, is_light, content)
             .map_err(|error| error.to_string())
             .and_then(|target| {
-                let warmed = self.frames.prewarm(
-                    gpu,
-                    (&self.pipelines, &self.shadows),
-                    scene,
-                    &target,
-                    (self.tone, fog, ambient_occlusion),
-                );
+                let warmed = self.frames.prewarm(gpu, with, scene, &target, of);
                 warmed.map_err(|error| error.to_string())
             });
-        if let Err(reason) = warmed {
+        if let Err(reason) = &warmed {
             tracing::warn!(reason, "the pipelines could not be warmed");
         }
+        warmed.is_ok() && step + 1 < scene.layout.keys.len()
     }
 
     /// Draws views of the scene into the target and waits until the picture is there. Pixels
@@ -313,7 +300,8 @@ impl Renderer {
                 return Err(DrawError::View { index, reason });
             }
         }
-        let occluders = self.occluders.as_ref().map(|occluders| (occluders, self.occlusion));
+        let occluders = &self.pipelines.occluders;
+        let occluders = occluders.as_ref().map(|occluders| (occluders, self.occlusion));
         self.frames.begin(gpu, occluders, scene, target, views)
     }
 
@@ -329,13 +317,12 @@ impl Renderer {
         begun: BegunFrame,
     ) -> Result<SubmittedFrame, DrawError> {
         let variant = begun.variant(scene, target);
-        (self.tone, self.fog, self.glow) = (begun.tone(), begun.fog(), begun.glow());
-        self.ambient_occlusion = begun.ambient_occlusion();
-        self.pipelines.prepare_look(gpu, &scene.layout.keys, variant);
+        let keys = &scene.layout.keys;
+        self.pipelines.surfaces.prepare_look(gpu, keys, variant);
         if variant.ambient_occlusion {
-            self.shadows.prepare_depths(gpu, scene);
+            self.pipelines.casters.prepare(gpu, keys, Sides::Shown);
         }
-        let with = (&self.pipelines, self.occluders.as_ref(), &mut self.shadows);
+        let with = (&self.pipelines, self.pipelines.occluders.as_ref(), &mut self.shadows);
         self.frames.submit(gpu, with, scene, target, begun)
     }
 

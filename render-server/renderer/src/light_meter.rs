@@ -37,7 +37,8 @@ impl Renderer {
         let mut target = Target::with_encoding(gpu, size, self.samples, true, content)
             .map_err(|error| DrawError::View { index: 0, reason: error.to_string() })?;
         let begun = self.frames.begin(gpu, None, scene, &mut target, views)?.of_light();
-        self.pipelines.prepare(gpu, &scene.layout.keys, begun.variant(scene, &target));
+        let variant = begun.variant(scene, &target);
+        self.pipelines.surfaces.prepare(gpu, &scene.layout.keys, variant);
         let with = (&self.pipelines, None, &mut self.shadows);
         let submitted = self.frames.submit(gpu, with, scene, &mut target, begun)?;
         self.frames.finish(gpu, &mut target, submitted)?;

@@ -231,7 +231,7 @@ pub(crate) struct InstanceRecord {
 }
 
 /// The pipelines of a renderer, made on demand.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Pipelines {
     samples: u32,
     layouts: BTreeMap<LayoutKey, wgpu::PipelineLayout>,
@@ -265,6 +265,19 @@ impl Pipelines {
         }
     }
 
+    /// Returns whether nothing is missing for a scene that is drawn in this way.
+    pub fn has(&self, keys: &[PipelineKey], variant: PipelineVariant) -> bool {
+        keys.iter().all(|key| self.get(key, variant).is_some())
+    }
+
+    /// Takes what another one of the same samples has made.
+    pub fn add(&mut self, other: Self) {
+        let Self { layouts, modules, ready, .. } = other;
+        self.layouts.extend(layouts);
+        self.modules.extend(modules);
+        self.ready.extend(ready);
+    }
+
     /// The key of a scene with the filter in force, for the target of a variant.
     fn filtered(&self, key: &PipelineKey, variant: PipelineVariant) -> PipelineKey {
         let shadows = if key.has_shadows() { self.shadows } else { key.shadows };
@@ -274,7 +287,7 @@ impl Pipelines {
     /// Makes what is missing for another look (fog, ambient occlusion or glow), if the
     /// scene was prepared for one: a frame brings them, and a state only what stays.
     pub fn prepare_look(&mut self, gpu: &Gpu, keys: &[PipelineKey], variant: PipelineVariant) {
-        let is_ready = |variant| keys.iter().all(|key| self.get(key, variant).is_some());
+        let is_ready = |variant| self.has(keys, variant);
         if !is_ready(variant) && variant.looks().any(is_ready) {
             self.prepare(gpu, keys, variant);
         }

@@ -4,14 +4,19 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
+use std::thread;
 use std::time::Instant;
 
+use crossbeam_channel::{Receiver, TryRecvError, bounded, never};
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::quality_bounds::DetailBound;
-use polyptych_renderer::{Environment, GpuScene, ImageEncoding, SceneBuilder, Target};
-use polyptych_scene::Scene;
+use polyptych_renderer::{
+    Environment, GpuScene, ImageEncoding, PipelineNeeds, SceneBuilder, ScenePipelines, Target,
+};
+use polyptych_scene::{AmbientOcclusion, Fog, Glow, Scene};
 
 use super::{Correctors, ReadyState, RenderThread, STATES_MAX, WARM_UP_SIDE};
 use crate::channel_output::ChannelOutput;
@@ -19,9 +24,139 @@ use crate::correction::Corrector;
 use crate::frame_views;
 use crate::loader::LoadedState;
 
+/// A state whose pipelines are made and warmed up beside the frames.
+pub(super) struct Preparation {
+    state: Arc<LoadedState>,
+    scene: Rc<GpuScene>,
+    needs: Vec<PipelineNeeds>,
+    /// Gives the pipelines once they are made; its sender is gone if that failed.
+    made: Receiver<ScenePipelines>,
+    is_made: bool,
+    /// The steps that are left of those that have the driver compile what it has not yet: the index
+    /// of the needs, and the step.
+    warm_up: Option<(usize, usize)>,
+    start: Instant,
+    answer: SyncSender<Result<u64, String>>,
+}
+
+impl Preparation {
+    /// Returns what of it is on the GPU.
+    pub fn into_gpu_parts(self) -> (Rc<GpuScene>, Receiver<ScenePipelines>) {
+        (self.scene, self.made)
+    }
+}
+
 impl RenderThread {
-    /// Makes a state drawable. Gives the bytes of its scene.
-    pub(super) fn finish(&mut self, state: Arc<LoadedState>) -> Result<u64, String> {
+    /// Begins to make a state drawable. Its answer, the bytes of its scene, may come later: between
+    /// frames, which go on with the state before.
+    pub(super) fn begin_preparation(
+        &mut self,
+        state: Arc<LoadedState>,
+        answer: SyncSender<Result<u64, String>>,
+    ) {
+        match self.built(&state) {
+            // The loader waits for this; should it have ended, nobody does.
+            Err(reason) => drop(answer.send(Err(reason))),
+            Ok((scene, _, false)) => drop(answer.send(self.complete(state, scene, false))),
+            Ok((scene, is_new, true)) => self.prepare_beside_frames(state, scene, is_new, answer),
+        }
+    }
+
+    fn prepare_beside_frames(
+        &mut self,
+        state: Arc<LoadedState>,
+        scene: Rc<GpuScene>,
+        is_new: bool,
+        answer: SyncSender<Result<u64, String>>,
+    ) {
+        if state.samples().is_some_and(|samples| samples != self.renderer.samples()) {
+            // It needs another renderer, which frames of the state before cannot share.
+            drop(answer.send(self.complete(state, scene, true)));
+            return;
+        }
+        if let Some(wall) = state.replica.wall.as_deref() {
+            self.renderer.set_shadows(wall.shadows);
+        }
+        let needs = self.needs(&state, &scene);
+        let own = self.renderer.pipelines();
+        let is_made = needs.iter().all(|needs| own.meet(needs));
+        if is_made && !is_new {
+            drop(answer.send(self.complete(state, scene, false)));
+            return;
+        }
+        let (sender, made) = bounded(1);
+        if !is_made {
+            let (gpu, mut pipelines, needs) = (self.gpu.clone(), own.clone(), needs.clone());
+            let make = move || {
+                for needs in &needs {
+                    pipelines.complete(&gpu, needs);
+                }
+                // The state may have been given up meanwhile.
+                let _ = sender.send(pipelines);
+            };
+            let made = thread::Builder::new().name("pipelines".into()).spawn(make);
+            if let Err(error) = made {
+                tracing::warn!(%error, "pipelines are made between frames");
+            }
+        }
+        let warm_up = (!needs.is_empty()).then_some((0, 0));
+        let start = Instant::now();
+        self.preparation =
+            Some(Preparation { state, scene, needs, made, is_made, warm_up, start, answer });
+    }
+
+    /// The pipelines of the state that is prepared, once they are made on their thread; never ready
+    /// if none is.
+    pub(super) fn pipelines_made(&self) -> Receiver<ScenePipelines> {
+        let waiting = self.preparation.as_ref().filter(|of| !of.is_made);
+        waiting.map_or_else(never, |of| of.made.clone())
+    }
+
+    /// Takes pipelines that were made on their thread. Without them, since that failed, the rest is
+    /// made here.
+    pub(super) fn take_pipelines(&mut self, pipelines: Option<ScenePipelines>) {
+        let Some(of) = &mut self.preparation else { return };
+        of.is_made = true;
+        let pipelines_us = of.start.elapsed().as_micros() as u64;
+        tracing::debug!(pipelines_us, "the scene's pipelines are made");
+        if let Some(pipelines) = pipelines {
+            self.renderer.add_pipelines(pipelines);
+        }
+    }
+
+    /// Returns whether there is something to be done for the state that is prepared.
+    pub(super) fn continues_preparation(&mut self) -> bool {
+        match self.pipelines_made().try_recv() {
+            Ok(pipelines) => self.take_pipelines(Some(pipelines)),
+            Err(TryRecvError::Disconnected) => self.take_pipelines(None),
+            Err(TryRecvError::Empty) => {}
+        }
+        self.preparation.as_ref().is_some_and(|of| of.is_made)
+    }
+
+    /// Does the next step of what [`Self::continues_preparation`] tells of: about as long as a
+    /// driver takes to compile one pipeline, but for the last, which draws the scene once.
+    pub(super) fn continue_preparation(&mut self) {
+        let Some(mut of) = self.preparation.take() else { return };
+        if let Some((index, step)) = of.warm_up {
+            let needs = &of.needs[index];
+            let has_next = self.renderer.pipelines().meet(needs)
+                && self.renderer.warm(&self.gpu, &of.scene, needs, step);
+            let next = if has_next { (index, step + 1) } else { (index + 1, 0) };
+            of.warm_up = (next.0 < of.needs.len()).then_some(next);
+            self.preparation = Some(of);
+            return;
+        }
+        let warm_up_us = of.start.elapsed().as_micros() as u64;
+        tracing::debug!(warm_up_us, "the driver has compiled the scene's pipelines");
+        let completed = self.complete(of.state, of.scene, true);
+        // As above.
+        let _ = of.answer.send(completed);
+    }
+
+    /// The scene of a state, whether it is another one than that of the state before or has another
+    /// wall around it, and whether it may need pipelines that are not there.
+    fn built(&mut self, state: &LoadedState) -> Result<(Rc<GpuScene>, bool, bool), String> {
         let start = Instant::now();
         let relayout = self.relayout.take();
         let manifest = |state: &LoadedState| state.scene.map(|scene| scene.manifest);
@@ -29,10 +164,12 @@ impl RenderThread {
         let is_laid_out = is_built || relayout.is_some();
         let latest = self.states.back().filter(|latest| {
             let is_it = latest.state.scene == state.scene;
-            is_it || (is_laid_out && manifest(&latest.state) == manifest(&state))
+            is_it || (is_laid_out && manifest(&latest.state) == manifest(state))
         });
         let is_known =
             latest.is_some_and(|latest| latest.state.plans.keys().eq(state.plans.keys()));
+        let has_effects =
+            latest.is_some_and(|latest| latest.state.replica.effects == state.replica.effects);
         let scene = if let Some(builder) = self.building.take() {
             let scene = builder.finish(&self.gpu).map_err(|error| error.to_string())?;
             Rc::new(scene)
@@ -50,18 +187,32 @@ impl RenderThread {
         };
         let scene_us = start.elapsed().as_micros() as u64;
         tracing::debug!(scene_us, is_built, "the scene is on the GPU");
-        let (scene, is_same_kind) = self.surrounded(&state, scene);
+        let (scene, is_same_kind) = self.surrounded(state, scene);
+        // Another wall around the same scene, as tunings bring it many times a second, is not new.
+        let has_samples = state.samples() == Some(self.renderer.samples());
+        let is_new = !is_known || !is_same_kind || !has_samples;
+        // An edit may need a pipeline that the scene did not; what moves needs none.
+        let is_edited = is_built || relayout.is_some_and(|(_, moved)| moved.is_none());
+        Ok((scene, is_new, is_new || is_edited || !has_effects))
+    }
+
+    /// Makes a state whose pipelines are there the latest one. Gives the bytes of its scene.
+    fn complete(
+        &mut self,
+        state: Arc<LoadedState>,
+        scene: Rc<GpuScene>,
+        is_new: bool,
+    ) -> Result<u64, String> {
         self.arrange_windows(&state);
         let start = Instant::now();
         let correctors = self.correctors(&state)?;
         let correctors_us = start.elapsed().as_micros() as u64;
         tracing::debug!(correctors_us, "the channels' corrections are on the GPU");
         self.expect(&state);
-        // Another wall around the same scene, as tunings bring it many times a second.
-        if !is_known || !is_same_kind || state.samples() != Some(self.renderer.samples()) {
+        if is_new {
             self.warm_up(&state, &scene, &correctors)?;
-        } else if is_built || relayout.is_some_and(|(_, moved)| moved.is_none()) {
-            // An edit may need a pipeline that the scene did not; what moves needs none.
+        } else {
+            // Nothing is left to be made, unless another thread failed to.
             self.prepare(&state, &scene);
         }
         if self.states.len() == STATES_MAX {
@@ -117,21 +268,28 @@ impl RenderThread {
         Ok(Rc::new(RefCell::new(correctors)))
     }
 
-    /// Makes the pipelines of a scene for the targets that this server's channels have.
+    /// The needs of a scene for the targets that this server's channels have.
+    pub(super) fn needs(&self, state: &LoadedState, scene: &GpuScene) -> Vec<PipelineNeeds> {
+        let is_corrected = |output: &ChannelOutput| state.plans.contains_key(&output.name);
+        let contents = [(ImageEncoding::Srgb, false), (ImageEncoding::Light, true)];
+        let used = contents.into_iter().filter(|(_, corrected)| {
+            self.outputs.iter().any(|output| is_corrected(output) == *corrected)
+        });
+        let effects = state.replica.effects;
+        used.map(|(content, _)| PipelineNeeds::new(scene, content, effects)).collect()
+    }
+
+    /// Makes the pipelines of a scene for these targets at once.
     pub(super) fn prepare(&mut self, state: &LoadedState, scene: &GpuScene) {
         if let Some(wall) = state.replica.wall.as_deref() {
             self.renderer.set_shadows(wall.shadows);
         }
-        let is_corrected = |output: &ChannelOutput| state.plans.contains_key(&output.name);
-        for (content, corrected) in [(ImageEncoding::Srgb, false), (ImageEncoding::Light, true)] {
-            if self.outputs.iter().any(|output| is_corrected(output) == corrected) {
-                self.renderer.prepare_for(&self.gpu, scene, content);
-            }
+        for needs in self.needs(state, scene) {
+            self.renderer.prepare_with(&self.gpu, scene, &needs);
         }
     }
 
-    /// Builds the pipelines of a scene and draws it once, small, where nobody sees it: a first
-    /// use compiles for tens of milliseconds.
+    /// Draws a scene once, small, where nobody sees it: a first use takes more than the next.
     fn warm_up(
         &mut self,
         state: &LoadedState,
@@ -145,6 +303,7 @@ impl RenderThread {
         else {
             return Ok(());
         };
+        let effects = state.replica.effects;
         let frame = Frame {
             epoch: state.epoch,
             frame: FrameId(0),
@@ -152,10 +311,12 @@ impl RenderThread {
             revision: state.replica.revision,
             presentation: Presentation {
                 camera: state.warm_up,
-                tone: self.renderer.tone(),
-                fog: self.renderer.fog(),
-                glow: self.renderer.glow(),
-                ambient_occlusion: self.renderer.ambient_occlusion(),
+                // Their numbers do not matter.
+                fog: effects.fog.then(|| Fog::even(1000.0)),
+                glow: effects.glow.then(|| Glow::new(0.1)),
+                ambient_occlusion: effects
+                    .ambient_occlusion
+                    .then_some(AmbientOcclusion { radius: 1.0 }),
                 ..Presentation::new(wall.head())
             },
             capture: false,
@@ -177,7 +338,10 @@ impl RenderThread {
         let is_linear = scene.needs_light(frame.presentation.glow);
         let target = Target::with_encoding(&self.gpu, side, wall.samples, is_linear, content);
         let mut target = target.map_err(|error| error.to_string())?;
+        let start = Instant::now();
         let drawn = self.renderer.draw(&self.gpu, scene, &mut target, &views);
+        let first_frame_us = start.elapsed().as_micros() as u64;
+        tracing::debug!(first_frame_us, "the scene was drawn once, unseen");
         drawn.map(|_| ()).map_err(|error| error.to_string())
     }
 }

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_renderer::{Gpu, GpuFault, GpuFaultKind};
 
+use super::preparation::Preparation;
 use super::{RenderTask, RenderThread};
 use crate::render_event::RenderEvent;
 
@@ -96,10 +97,12 @@ impl RenderThread {
             // To drop what is on a device waits for the device.
             std::mem::forget(std::mem::take(&mut self.states));
             std::mem::forget((self.building.take(), self.moment.take()));
+            std::mem::forget(self.preparation.take().map(Preparation::into_gpu_parts));
             std::mem::forget(std::mem::take(&mut self.patterns));
         }
         self.states.clear();
         (self.building, self.relayout, self.moment) = (None, None, None);
+        self.preparation = None;
         self.patterns.clear();
         let Some(gpu) = self.reopen(begun)? else { return Ok(()) };
         let renderer = self.drawing.renderer(&gpu, self.renderer.samples())?;

@@ -1,6 +1,7 @@
 //! The content of displays, from commands to pixels: without windows or sockets.
 
 mod metering;
+mod preparation;
 mod resolution;
 
 use std::sync::mpsc::sync_channel;
@@ -50,6 +51,20 @@ fn wall() -> Wall {
     Wall { near_m: 0.1, ..Wall::new("test", screens, channels) }
 }
 
+/// Makes a state drawable, without a frame on the way.
+fn finish(thread: &mut RenderThread, state: Arc<LoadedState>) {
+    let (answer, answered) = sync_channel(1);
+    thread.upload(Upload::Finish { state, answer });
+    while thread.preparation.is_some() {
+        if thread.continues_preparation() {
+            thread.continue_preparation();
+        } else {
+            thread.wait();
+        }
+    }
+    answered.recv().expect("answered").expect("finished");
+}
+
 fn notice(what: &str, is_lost: bool) -> RenderTask {
     let manager = if is_lost { ManagerState::Lost } else { ManagerState::Expected };
     let (what, since) = (what.to_owned(), "12:03:10 UTC".to_owned());
@@ -68,7 +83,10 @@ impl RenderThreadFixture {
 
     /// With a display in full screen.
     fn in_full_screen(assigned: Option<MonitorAssignment>) -> Self {
-        let gpu = Gpu::headless().unwrap_or_else(|error| panic!("{error}"));
+        Self::on(Gpu::headless().unwrap_or_else(|error| panic!("{error}")), assigned)
+    }
+
+    fn on(gpu: Gpu, assigned: Option<MonitorAssignment>) -> Self {
         let outputs = vec![ChannelOutput::offscreen(&gpu, "front-1-1", SIZE, assigned)];
         let (jobs, waiting_jobs) = bounded(1);
         let (uploads, waiting_uploads) = bounded(1);
@@ -126,9 +144,7 @@ impl RenderThreadFixture {
         let desc = Scene { sky: Vec3::new(0.2, 0.3, 0.4), ..Scene::default() };
         let builder = SceneBuilder::new(&self.thread.gpu, desc).expect("a scene");
         self.thread.building = Some(builder);
-        let (answer, answered) = sync_channel(1);
-        self.thread.upload(Upload::Finish { state: Arc::new(state), answer });
-        answered.recv().expect("answered").expect("finished");
+        finish(&mut self.thread, Arc::new(state));
     }
 
     fn draw(&mut self, exposure: f32, display: OutputMode) {

@@ -215,6 +215,9 @@ impl Cluster {
                 self.commit_calibration(now, *wall, tuners, &failed);
             }
             ChangeOrigin::Environment { job } => self.commit_environment(now, job, &failed),
+            ChangeOrigin::LightEffect { job, setting } => {
+                self.commit_effect(now, (job, setting), &failed);
+            }
             ChangeOrigin::Residency => self.commit_residency(now, &failed),
         }
         self.end_temporary(now);
@@ -267,7 +270,9 @@ impl Cluster {
     /// Tells all who wait for a change that it is not done.
     pub(super) fn refuse(&mut self, purpose: &ChangeOrigin, reason: &str) {
         let jobs: Vec<_> = match purpose {
-            ChangeOrigin::Scene { job, .. } | ChangeOrigin::Environment { job } => vec![*job],
+            ChangeOrigin::Scene { job, .. }
+            | ChangeOrigin::Environment { job }
+            | ChangeOrigin::LightEffect { job, .. } => vec![*job],
             ChangeOrigin::Tuning { tuners, .. } => tuners.iter().map(|tuner| tuner.job).collect(),
             ChangeOrigin::Edit { waiters } => waiters.iter().map(EditWaiter::job).collect(),
             ChangeOrigin::Residency => Vec::new(),

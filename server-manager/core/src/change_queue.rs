@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::calibrate::CalibrationWaiter;
 use super::change::CHANGES_MAX;
+use super::light_effects::EffectSetting;
 use super::scene_editing::EditWaiter;
 use super::{ClientRequest, ImportedScene, ImportedSession, Micros, SessionId, progress};
 
@@ -48,6 +49,8 @@ pub(super) enum ChangeOrigin {
     Tuning { wall: Box<Wall>, tuners: Vec<CalibrationWaiter> },
     /// Another environment; the scene stays.
     Environment { job: ClientRequest },
+    /// An effect of light, which frames have once servers have its pipelines.
+    LightEffect { job: ClientRequest, setting: EffectSetting },
     /// Another part of the scene is held. Nobody waits for it.
     Residency,
 }

@@ -4,7 +4,6 @@ use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Pacing, Request, RequestError, Response};
 use polyptych_scene::limits::NODE_NAME_BYTES_MAX;
-use polyptych_scene::{AmbientOcclusion, Fog, Glow};
 use polyptych_wall::limits::PATH_BYTES_MAX;
 use tracing::Level;
 
@@ -72,11 +71,11 @@ impl Cluster {
             Request::Fly(flight) => self.fly(now, &flight)?,
             Request::ReportDevices(report) => self.report_devices(now, job.client, report)?,
             Request::SetViews(views) => self.request_views(views)?,
-            Request::SetExposure(_)
-            | Request::SetTone(_)
-            | Request::SetFog(_)
-            | Request::SetGlow(_)
-            | Request::SetAmbientOcclusion(_) => self.set_look(&request)?,
+            Request::SetExposure(exposure) => self.set_exposure(exposure)?,
+            Request::SetTone(tone) => self.presentation.tone = tone,
+            Request::SetFog(_) | Request::SetGlow(_) | Request::SetAmbientOcclusion(_) => {
+                return self.set_effect(now, job, &request);
+            }
             Request::SetAutomaticExposure => self.set_automatic_exposure(now),
             Request::MarkPoint(marker) => self.mark_point(marker)?,
             Request::SetRest(rules) => self.set_rest(now, rules)?,
@@ -175,42 +174,6 @@ impl Cluster {
             return Err(format!("a rate is {low} to {high} frames per second, not {rate}"));
         }
         self.set_pace(Some(pace), now);
-        Ok(())
-    }
-
-    fn set_look(&mut self, request: &Request) -> Result<(), String> {
-        match *request {
-            Request::SetExposure(exposure) => self.set_exposure(exposure)?,
-            Request::SetTone(tone) => self.presentation.tone = tone,
-            Request::SetFog(fog) => self.set_fog(fog)?,
-            Request::SetGlow(glow) => self.set_glow(glow)?,
-            Request::SetAmbientOcclusion(occlusion) => self.set_ambient_occlusion(occlusion)?,
-            _ => {}
-        }
-        Ok(())
-    }
-
-    fn set_fog(&mut self, fog: Option<Fog>) -> Result<(), String> {
-        if let Some(fault) = fog.and_then(|fog| fog.fault()) {
-            return Err(fault);
-        }
-        self.presentation.fog = fog;
-        Ok(())
-    }
-
-    fn set_glow(&mut self, glow: Option<Glow>) -> Result<(), String> {
-        if let Some(fault) = glow.and_then(|glow| glow.fault()) {
-            return Err(fault);
-        }
-        self.presentation.glow = glow;
-        Ok(())
-    }
-
-    fn set_ambient_occlusion(&mut self, of: Option<AmbientOcclusion>) -> Result<(), String> {
-        if let Some(fault) = of.and_then(|of| of.fault()) {
-            return Err(fault);
-        }
-        self.presentation.ambient_occlusion = of;
         Ok(())
     }
 

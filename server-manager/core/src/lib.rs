@@ -1,9 +1,8 @@
 //! The core of the wall: what the manager decides, without sockets and without a clock.
 //!
-//! Everything that arrives goes as an [`Input`] into [`Cluster::handle`], with `now` in
-//! microseconds of the manager's time. Everything that is to be done comes out of
-//! [`Cluster::poll_effect`]; [`Cluster::poll_timeout`] says when [`Input::Timeout`] is due. This
-//! makes every failure of a wall a short deterministic test.
+//! What arrives goes as an [`Input`] into [`Cluster::handle`], with `now` in microseconds of the
+//! manager's time. [`Cluster::poll_effect`] says what is to be done, and [`Cluster::poll_timeout`]
+//! when [`Input::Timeout`] is due. This makes every failure a short deterministic test.
 
 mod aggregate;
 mod auto_exposure;
@@ -24,6 +23,7 @@ mod frame_start_times;
 mod head_return;
 mod imported_scene;
 mod input;
+mod light_effects;
 pub mod log_limiter;
 mod membership;
 mod navigate;

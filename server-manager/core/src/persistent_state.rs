@@ -7,7 +7,7 @@ use polyptych_protocol::request::Pacing;
 use polyptych_protocol::screen_rest::RestRules;
 use polyptych_protocol::state_log::{Operation, SceneRef, check_wall_size};
 use polyptych_protocol::stored_view::StoredView;
-use polyptych_scene::{Bounds, Edit, NodeId, SceneEdits};
+use polyptych_scene::{Bounds, Edit, LightEffects, NodeId, SceneEdits};
 use polyptych_wall::{ChannelCalibration, Wall, calibration_change};
 use serde::{Deserialize, Serialize};
 
@@ -131,6 +131,10 @@ impl Cluster {
         }
         if memory.environment.is_some() {
             cluster.shown.apply(Operation::SetEnvironment(memory.environment.clone()));
+        }
+        let effects = memory.presentation.effects();
+        if effects != LightEffects::default() {
+            cluster.shown.apply(Operation::SetEffects(effects));
         }
         cluster.shown.revision = memory.revision.max(cluster.shown.revision);
         // A state without what has ended has not been numbered yet.

@@ -75,7 +75,8 @@ impl Cluster {
             Some(scene) => StateChange::opening(job, scene),
             None => StateChange::closing(job),
         };
-        change.operations.push(surroundings);
+        let effects = Operation::SetEffects(session.state.presentation.effects());
+        change.operations.extend([surroundings, effects]);
         if let ChangeOrigin::Scene { session: of, .. } = &mut change.purpose {
             *of = Some(session);
         }

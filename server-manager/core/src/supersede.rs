@@ -42,7 +42,9 @@ impl ChangeQueue {
     pub fn jobs(&self) -> impl Iterator<Item = ClientRequest> {
         let purposes = self.queued().chain(self.current()).map(|change| &change.purpose);
         let scenes = purposes.filter_map(|purpose| match purpose {
-            ChangeOrigin::Scene { job, .. } | ChangeOrigin::Environment { job } => Some(*job),
+            ChangeOrigin::Scene { job, .. }
+            | ChangeOrigin::Environment { job }
+            | ChangeOrigin::LightEffect { job, .. } => Some(*job),
             _ => None,
         });
         let edits = self.editors().map(EditWaiter::job);

@@ -11,6 +11,7 @@ mod failures;
 mod follow;
 mod found;
 mod hostile;
+mod light_effects;
 mod navigation;
 mod pipelining;
 mod previews;

@@ -5,13 +5,19 @@ use polyptych_protocol::environment::{Environment, EnvironmentSource};
 use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::luminance::{FrameLuminance, LUMINANCE_COUNTS};
 use polyptych_protocol::request::Request;
-use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
+use polyptych_protocol::state_log::Operation;
+use polyptych_scene::{AmbientOcclusion, Fog, Glow, LightEffects, ToneMapper};
 use polyptych_wall::ChannelId;
 
 use super::messages::EPOCH;
 
-pub fn environment() -> Environment {
+fn environment() -> Environment {
     Environment { name: "studio.hdr".into(), blob: BlobHash([0x5e; 32]) }
+}
+
+pub fn light_operations() -> [Operation; 2] {
+    let effects = LightEffects { fog: true, glow: false, ambient_occlusion: true };
+    [Operation::SetEnvironment(Some(environment())), Operation::SetEffects(effects)]
 }
 
 pub fn lights() -> impl Iterator<Item = Request> {

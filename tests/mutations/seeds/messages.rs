@@ -53,7 +53,7 @@ use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::{ChannelId, Wall};
 
 use super::editing::{answers_about_space, follow, regions, scene_edits, transaction, walked, way};
-use super::light::{environment, lights, luminance};
+use super::light::{light_operations, lights, luminance};
 use crate::message::Kind;
 
 /// The manager's life in all seeds, so that the core takes them for its own.
@@ -138,15 +138,15 @@ fn scene_ref() -> SceneRef {
 
 fn commands() -> Vec<Command> {
     let place = SeenFrom { position: DVec3::X, density: 1000.0, is_parallel: false };
-    let operations = vec![
+    let mut operations = vec![
         Operation::SetWall(Box::new(wall())),
         Operation::OpenScene(scene_ref()),
         Operation::EditScene(transaction().edits.into()),
         Operation::CloseScene,
         Operation::SetEdits(Box::new(scene_edits())),
-        Operation::SetEnvironment(Some(environment())),
         Operation::SetSeenFrom(vec![place]),
     ];
+    operations.extend(light_operations());
     let part = Area::Screen { screen: 0, rect: [10, 20, 100, 200] };
     let projection = ViewProjection::Orthographic { height_m: 50.0 };
     let view = |area| View { area, projection, ..View::of_wall(camera()) };

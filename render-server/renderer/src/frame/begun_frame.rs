@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
-use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, Fog, ToneMapper};
 
 use super::hidden_items::OccluderDepths;
 use super::submission::Submission;
@@ -47,21 +47,6 @@ impl BegunFrame {
             (view.glow, view.ambient_occlusion) = (None, None);
         }
         Self { sky: Vec3::ZERO, ..self }
-    }
-
-    /// The way of its light to what is shown.
-    pub(crate) fn tone(&self) -> ToneMapper {
-        self.tone
-    }
-
-    /// Fog that its views look through.
-    pub(crate) fn fog(&self) -> Option<Fog> {
-        self.fog
-    }
-
-    /// The glow of its views.
-    pub(crate) fn glow(&self) -> Option<Glow> {
-        self.shown.iter().find_map(|(view, _)| view.glow)
     }
 
     /// The ambient occlusion of its views.

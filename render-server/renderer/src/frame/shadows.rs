@@ -10,7 +10,7 @@ use crate::DrawError;
 use crate::bindings;
 use crate::gpu::Gpu;
 use crate::lamp_map::LampShadowRecord;
-use crate::pass::shadow::{CasterPass, Sides};
+use crate::pass::shadow::CasterPass;
 use crate::scene::GpuScene;
 use crate::shadow_cascades::MAP_SIDE;
 use crate::shadow_uniform::ShadowUniform;
@@ -44,8 +44,6 @@ struct Bound<'a> {
 /// The maps of all cameras, and the pass that draws them.
 #[derive(Debug)]
 pub(crate) struct Shadows {
-    /// Draws maps, and the depths of ambient occlusion.
-    pub pass: CasterPass,
     sampler: wgpu::Sampler,
     /// One map of one texel, for views without shadows; made where one is needed.
     none: Option<wgpu::TextureView>,
@@ -58,7 +56,6 @@ pub(crate) struct Shadows {
 impl Shadows {
     pub fn new(gpu: &Gpu) -> Self {
         Self {
-            pass: CasterPass::new(gpu),
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("shadow/sampler"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -73,24 +70,17 @@ impl Shadows {
         }
     }
 
-    /// Makes what is missing for a scene; nothing for one without lights that cast shadows.
+    /// Makes what a scene needs beside pipelines; nothing for one without lights that cast shadows.
     pub fn prepare(&mut self, gpu: &Gpu, scene: &GpuScene) {
-        if !has_shadows(scene) {
-            return;
+        if scene.layout.lights.has_shadows() {
+            let none = || array_view(&texture(gpu, [1, 1], wgpu::TextureUsages::TEXTURE_BINDING));
+            self.none.get_or_insert_with(none);
         }
-        self.pass.prepare(gpu, &scene.layout.keys, Sides::Both);
-        let none = || array_view(&texture(gpu, [1, 1], wgpu::TextureUsages::TEXTURE_BINDING));
-        self.none.get_or_insert_with(none);
-    }
-
-    /// Makes what the depths of ambient occlusion need for a scene.
-    pub fn prepare_depths(&mut self, gpu: &Gpu, scene: &GpuScene) {
-        self.pass.prepare(gpu, &scene.layout.keys, Sides::Shown);
     }
 
     /// The bindings that pipelines are warmed with: no shadows.
     pub(super) fn none(&self, gpu: &Gpu, scene: &GpuScene) -> Vec<wgpu::BindGroup> {
-        let is_used = !self.is_off && has_shadows(scene);
+        let is_used = !self.is_off && scene.layout.lights.has_shadows();
         let maps = self.none.as_ref().filter(|_| is_used);
         let no_lamps = no_lamp_records(gpu, scene);
         let group = |suns| {
@@ -106,14 +96,14 @@ impl Shadows {
     /// More casts shadows than is held for one frame, or the scene was not prepared.
     pub(super) fn draw(
         &mut self,
-        frames: &mut FrameResources,
+        (frames, casters): (&mut FrameResources, &CasterPass),
         gpu: &Gpu,
         scene: &GpuScene,
         shown: &[ShownView],
     ) -> Result<FrameShadows, DrawError> {
         self.suns.begin_frame();
         self.lamps.begin_frame();
-        if self.is_off || !has_shadows(scene) {
+        if self.is_off || !scene.layout.lights.has_shadows() {
             return Ok(FrameShadows::default());
         }
         let none = self.none.clone().ok_or(DrawError::NotPrepared)?;
@@ -122,9 +112,8 @@ impl Shadows {
         for (index, (view, _)) in shown.iter().enumerate() {
             of_views.push(self.maps_of(gpu, scene, (index, view), [&mut suns, &mut lamps]));
         }
-        let with = (&mut *frames, &self.pass);
-        self.suns.draw(with, gpu, scene, (shown, &suns))?;
-        self.lamps.draw((frames, &self.pass), gpu, scene, (shown, &lamps))?;
+        self.suns.draw((&mut *frames, casters), gpu, scene, (shown, &suns))?;
+        self.lamps.draw((frames, casters), gpu, scene, (shown, &lamps))?;
         let no_lamps = no_lamp_records(gpu, scene);
         let groups = shown.iter().zip(&of_views).map(|((view, _), of)| {
             let (maps, uniform) = match &of.suns {
@@ -195,10 +184,6 @@ impl Shadows {
             entries: &entries,
         })
     }
-}
-
-fn has_shadows(scene: &GpuScene) -> bool {
-    scene.layout.lights.cast_shadows() || scene.layout.lights.has_lamp_shadows
 }
 
 /// Records of lamps without shadows; `None` if the scene has no lamp that casts any.

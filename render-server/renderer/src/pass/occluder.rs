@@ -62,7 +62,7 @@ pub(crate) struct OccluderTarget {
 }
 
 /// The pass.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct OccluderPass {
     samples: u32,
     module: wgpu::ShaderModule,
@@ -121,6 +121,16 @@ impl OccluderPass {
                 self.depth.insert(key, pipeline);
             }
         }
+    }
+
+    /// Returns whether nothing is missing for a scene.
+    pub fn has(&self, keys: &[PipelineKey]) -> bool {
+        keys.iter().filter_map(DepthKey::new).all(|key| self.depth.contains_key(&key))
+    }
+
+    /// Takes what another one of the same samples has made.
+    pub fn add(&mut self, other: Self) {
+        self.depth.extend(other.depth);
     }
 
     fn build(&self, gpu: &Gpu, key: DepthKey) -> wgpu::RenderPipeline {

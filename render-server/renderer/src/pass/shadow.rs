@@ -71,7 +71,7 @@ impl CasterKey {
 }
 
 /// The pass.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct CasterPass {
     layout: wgpu::PipelineLayout,
     modules: BTreeMap<Interface, wgpu::ShaderModule>,
@@ -103,6 +103,18 @@ impl CasterPass {
                 self.pipelines.insert(key, pipeline);
             }
         }
+    }
+
+    /// Returns whether nothing is missing for a scene.
+    pub fn has(&self, keys: &[PipelineKey], sides: Sides) -> bool {
+        let mut needed = keys.iter().filter_map(|key| CasterKey::new(key, sides));
+        needed.all(|key| self.pipelines.contains_key(&key))
+    }
+
+    /// Takes what another one has made.
+    pub fn add(&mut self, other: Self) {
+        self.modules.extend(other.modules);
+        self.pipelines.extend(other.pipelines);
     }
 
     /// The pipelines of a scene, in the order of its keys; `None` for what casts no shadow or was

@@ -218,10 +218,14 @@ impl Lights {
         self.suns.iter().any(|sun| sun.casts_shadows)
     }
 
+    /// Returns whether a light casts shadows.
+    pub fn has_shadows(&self) -> bool {
+        self.cast_shadows() || self.has_lamp_shadows
+    }
+
     /// The filter of the maps of a scene's shadows, if it has any.
     pub fn shadow_filter(&self) -> ShadowFilter {
-        let has_shadows = self.cast_shadows() || self.has_lamp_shadows;
-        if has_shadows { ShadowFilter::default() } else { ShadowFilter::Off }
+        if self.has_shadows() { ShadowFilter::default() } else { ShadowFilter::Off }
     }
 
     /// Returns start and count of the list of the lamps that reach a box, as

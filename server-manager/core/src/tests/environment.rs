@@ -38,7 +38,7 @@ fn surroundings_are_shown_once_all_servers_have_them_and_are_kept() {
 }
 
 #[test]
-fn what_was_not_baked_is_refused_and_tone_and_fog_come_with_the_next_frame() {
+fn what_was_not_baked_is_refused_and_tone_and_fog_are_kept() {
     let mut stage = ClusterFixture::new(2);
     for source in [EnvironmentSource::Sky, EnvironmentSource::File { path: "a.hdr".into() }] {
         let id = stage.request(Request::SetEnvironment(source));
@@ -48,9 +48,11 @@ fn what_was_not_baked_is_refused_and_tone_and_fog_come_with_the_next_frame() {
     stage.request(Request::SetTone(ToneMapper::Aces));
     let fog = Some(Fog { half_height: Some(4.0), ..Fog::even(90.0) });
     stage.request(Request::SetFog(fog));
+    stage.prepare_all();
     let wrong = stage.request(Request::SetFog(Some(Fog::even(-1.0))));
     let (of, reply) = stage.replies.pop().expect("an answer");
     assert!(of == wrong && reply.expect_err("refused").reason.contains("visibility"));
+    stage.draw(&[0, 1], 20_000);
     stage.frames.clear();
     stage.order_frame();
     let frames = &stage.frames;

@@ -35,6 +35,7 @@ fn dressed() -> ClusterFixture {
         Request::Run(Pacing::Rate(30.0)),
     ] {
         stage.request(request);
+        stage.prepare_all();
         stage.draw(&[0, 1], 20_000);
     }
     stage

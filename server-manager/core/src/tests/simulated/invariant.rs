@@ -237,6 +237,7 @@ impl InvariantChecker {
             | Operation::EditScene(_)
             | Operation::SetEdits(_)
             | Operation::SetEnvironment(_)
+            | Operation::SetEffects(_)
             | Operation::SetSeenFrom(_) => None,
             Operation::SetWall(_) => prepare.base.is_none().then_some(None),
         });

@@ -1,0 +1,86 @@
+//! States that are made drawable while frames of the state before go on.
+
+use std::sync::mpsc::TryRecvError;
+
+use glam::DAffine3;
+use polyptych_scene::LightEffects;
+
+use super::*;
+use crate::correction::tests::harness::{MeshFixture, SceneFixture, gpu, matt};
+
+/// A render thread that shows a card, and the state that it shows.
+fn shown() -> (RenderThreadFixture, Arc<LoadedState>) {
+    let mut stage = RenderThreadFixture::on(gpu().clone(), None);
+    let mut scene = SceneFixture::new();
+    let material = scene.material(matt(0.8, 0.4, 0.2));
+    let card = scene.mesh(&MeshFixture::rectangle(1.0, 1.0), Some(material));
+    scene.node(card, DAffine3::from_translation(DVec3::NEG_Z * 3.0));
+    let scene = Rc::new(scene.build());
+    let thread = &mut stage.thread;
+    let state = Arc::clone(&thread.states.back().expect("a state").state);
+    thread.prepare(&state, &scene);
+    thread.states.back_mut().expect("a state").scene = scene;
+    (stage, state)
+}
+
+/// The same with other effects, one revision later.
+fn with_effects(state: &LoadedState, effects: LightEffects) -> Arc<LoadedState> {
+    let mut replica = state.replica.clone();
+    replica.apply(Operation::SetEffects(effects));
+    Arc::new(LoadedState {
+        epoch: state.epoch,
+        digest: replica.digest(),
+        replica,
+        scene: state.scene,
+        warm_up: state.warm_up,
+        environment: None,
+        plans: Arc::clone(&state.plans),
+        maps: CalibrationMaps::default(),
+        shapes: Arc::default(),
+        motion: None,
+    })
+}
+
+#[test]
+fn frames_go_on_while_pipelines_are_made_and_warmed_up() {
+    let (mut stage, state) = shown();
+    let plain = stage.show(0.5, OutputMode::Normal);
+    let all = LightEffects { fog: true, glow: true, ambient_occlusion: true };
+    let next = with_effects(&state, all);
+    let (answer, answered) = sync_channel(1);
+    stage.thread.upload(Upload::Finish { state: Arc::clone(&next), answer });
+    let mut frames = 0;
+    while answered.try_recv() == Err(TryRecvError::Empty) {
+        assert_eq!(stage.show(0.5, OutputMode::Normal), plain, "the state before");
+        frames += 1;
+        assert!(frames < 10_000, "the state is never made drawable");
+    }
+    // The first has the answer of its preparation behind it at the earliest.
+    assert!(frames > 1, "{frames} frames");
+    let latest = stage.thread.states.back().expect("a state");
+    assert_eq!(latest.state.replica.revision, next.replica.revision);
+    let scene = Rc::clone(&latest.scene);
+    assert!(
+        stage
+            .thread
+            .needs(&next, &scene)
+            .iter()
+            .all(|needs| { stage.thread.renderer.pipelines().meet(needs) })
+    );
+    // Effects come with frames, and not with states.
+    assert_eq!(stage.show(0.5, OutputMode::Normal), plain);
+}
+
+#[test]
+fn a_preparation_that_is_given_up_has_no_answer_and_the_next_one_has() {
+    let (mut stage, state) = shown();
+    let fog = LightEffects { fog: true, ..LightEffects::default() };
+    let (answer, answered) = sync_channel(1);
+    stage.thread.upload(Upload::Finish { state: with_effects(&state, fog), answer });
+    stage.thread.upload(Upload::Abandon);
+    assert_eq!(answered.try_recv(), Err(TryRecvError::Disconnected));
+    let glow = LightEffects { glow: true, ..LightEffects::default() };
+    finish(&mut stage.thread, with_effects(&state, glow));
+    let plain = stage.show(0.5, OutputMode::Normal);
+    assert!(plain.chunks_exact(4).any(|pixel| pixel != &plain[..4]), "the card is seen");
+}
