@@ -325,7 +325,7 @@ mod tests {
             assert!(commands.iter().any(|command| command == name), "there is no command {name}");
             for line in *lines {
                 assert!(line.starts_with(&format!("polyptych {name}")), "{name}: {line}");
-                if let Err(error) = Cli::try_parse_from(words(line)) {
+                if let Err(error) = command().try_get_matches_from(words(line)) {
                     panic!("{line}: {error}");
                 }
             }
