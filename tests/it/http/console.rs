@@ -47,6 +47,8 @@ fn every_control_of_the_page_does_what_it_says() {
     let curl = curl.as_str().expect("a line");
     assert!(curl.contains("curl -X POST") && curl.contains("/api/v1/scene/open'"), "{curl}");
     browser.await_true("document.getElementById('picture').naturalWidth >= 320");
+    // The scene is named as soon as it is open, and the camera placed after that.
+    await_shown(&page, "an overview", |shown| shown.camera != Camera::IDENTITY);
 
     check_steering(&page, &mut browser);
 
