@@ -286,7 +286,7 @@ fn below(command: Command, above: &str) -> Command {
 
 #[cfg(test)]
 mod tests {
-    use clap::{CommandFactory, Parser};
+    use clap::CommandFactory;
 
     use super::super::{Cli, command};
     use super::*;
