@@ -25,8 +25,9 @@ const HALVINGS: u32 = 6;
 /// Radius within which a marker's light is summed, its half side being 1.
 const RADIUS: f64 = 0.8;
 
-/// Pixels of the marker's image.
-const IMAGE_SIDE: u32 = 128;
+/// Texels across a marker's image: fewer than pixels, where a channel has room. Between levels of a
+/// picture of more, the filter of a GPU moves the middle by 0.026 pixels.
+const IMAGE_SIDE: u32 = 48;
 
 /// A marker whose picture is narrower than this share of the one on its own channel is drawn from
 /// so few of its texels that it is no Gaussian any more.
