@@ -1,5 +1,6 @@
 //! The commands, one file each.
 
+mod address;
 mod animation;
 mod bake;
 mod bench;
@@ -9,6 +10,7 @@ mod camera;
 mod check;
 mod completions;
 mod demo;
+mod depth_of_field;
 mod devices;
 mod displays;
 mod examples;
@@ -57,7 +59,6 @@ use polyptych_client::blocking::Client;
 use polyptych_client::{OutputMode, ReconnectPolicy};
 use polyptych_files::blob::BlobStore;
 use polyptych_manager::import::{Baker, bake_wall_files, read_wall_files};
-use polyptych_protocol::manager_addresses::MANAGERS_MAX;
 use polyptych_text::printable;
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_maps::CalibrationMaps;
@@ -143,6 +144,8 @@ enum Command {
     Glow(surroundings::GlowArguments),
     /// Darken corners and gaps, which get less of the light from all around
     AmbientOcclusion(surroundings::OcclusionArguments),
+    /// Blur what is nearer or farther than a distance
+    DepthOfField(depth_of_field::Arguments),
     /// Show a variant of the open scene, or list those of its file
     Variant(variant::Arguments),
     /// Say how a running wall stands
@@ -201,7 +204,7 @@ pub(crate) struct ManagerAddress {
         long,
         value_name = "ADDR",
         env = MANAGER_VARIABLE,
-        value_parser = addresses,
+        value_parser = address::addresses,
         default_value_t = format!("127.0.0.1:{PORT_DEFAULT}")
     )]
     manager: String,
@@ -305,6 +308,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Fog(arguments) => surroundings::fog(&arguments),
         Command::Glow(arguments) => surroundings::glow(&arguments),
         Command::AmbientOcclusion(arguments) => surroundings::ambient_occlusion(&arguments),
+        Command::DepthOfField(arguments) => depth_of_field::run(&arguments),
         Command::Variant(arguments) => return variant::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
@@ -421,42 +425,6 @@ fn seconds(text: &str) -> Result<Duration, String> {
         .ok_or_else(|| format!("{text} is not a positive number of seconds"))
 }
 
-/// Managers' addresses, as an argument: one or several, separated by commas.
-fn addresses(text: &str) -> Result<String, String> {
-    let all = text.split(',').map(|one| address(one.trim())).collect::<Result<Vec<_>, _>>()?;
-    if all.len() > MANAGERS_MAX {
-        return Err(format!("{} managers; the maximum is {MANAGERS_MAX}", all.len()));
-    }
-    Ok(all.join(","))
-}
-
-/// A manager's address, as an argument: `HOST:PORT`, or `HOST` with the usual port.
-fn address(text: &str) -> Result<String, String> {
-    address_with(text, PORT_DEFAULT, 1)
-}
-
-/// Parses an address with another default port and another lowest port.
-fn address_with(text: &str, port_default: u16, port_min: u16) -> Result<String, String> {
-    let is_plain_v6 = text.matches(':').count() > 1 && !text.starts_with('[');
-    let (host, port) = match text.rsplit_once(':').filter(|_| !is_plain_v6) {
-        Some((host, port)) if !port.ends_with(']') => (host, Some(port)),
-        _ => (text, None),
-    };
-    let host_fits = !host.is_empty() && !host.contains(char::is_whitespace);
-    let port = match port {
-        None => Some(port_default),
-        Some(port) => port.parse::<u16>().ok().filter(|&port| port >= port_min),
-    };
-    match port.filter(|_| host_fits) {
-        Some(port) if is_plain_v6 => Ok(format!("[{host}]:{port}")),
-        Some(port) => Ok(format!("{host}:{port}")),
-        None => {
-            let example = format!("127.0.0.1:{port_default}");
-            Err(format!("{text:?} is no address; write HOST:PORT, such as {example}"))
-        }
-    }
-}
-
 /// A rate in frames per second, as an argument.
 fn rate(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
@@ -469,25 +437,6 @@ mod tests {
     use anyhow::anyhow;
 
     use super::*;
-
-    #[test]
-    fn an_address_is_a_host_and_a_port() {
-        for (text, meant) in [
-            ("wall.example:80", "wall.example:80"),
-            ("127.0.0.1", "127.0.0.1:7878"),
-            ("[::1]:9000", "[::1]:9000"),
-            ("[::1]", "[::1]:7878"),
-            ("::1", "[::1]:7878"),
-        ] {
-            assert_eq!(address(text).as_deref(), Ok(meant), "{text}");
-        }
-        for text in ["", ":7878", "wall:", "wall:99999", "wall:0", "a wall:1"] {
-            assert!(address(text).is_err(), "{text:?}");
-        }
-        assert_eq!(addresses("a, b:80").as_deref(), Ok("a:7878,b:80"));
-        let wrong = ["", "a,", ",b", "a b,c", &"a,".repeat(MANAGERS_MAX)];
-        assert!(wrong.into_iter().all(|text| addresses(text).is_err()));
-    }
 
     #[test]
     fn an_error_is_one_line_that_names_each_cause_once() {

@@ -13,7 +13,7 @@ use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{Pacing, Request, Response, StoppedServers};
-use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, DepthOfField, Fog, Glow, ToneMapper};
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
 use polyptych_wall::camera::Camera;
@@ -300,6 +300,15 @@ impl Client {
         occlusion: Option<AmbientOcclusion>,
     ) -> Result<(), ClientError> {
         self.done("set the ambient occlusion", Request::SetAmbientOcclusion(occlusion)).await
+    }
+
+    /// Blurs what is nearer or farther than a distance; `None` ends it. Returns once every live
+    /// channel can draw so, and frames have it. Plans, whose rays are parallel, are sharp.
+    ///
+    /// # Errors
+    /// [`ClientError`]; a focus or an aperture that is not above 0.
+    pub async fn set_depth_of_field(&self, of: Option<DepthOfField>) -> Result<(), ClientError> {
+        self.done("set the depth of field", Request::SetDepthOfField(of)).await
     }
 
     /// Bounds the error and the rate of pictures, from the next frame on and until it is set again.

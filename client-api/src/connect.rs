@@ -104,7 +104,8 @@ impl Timeouts {
             | Request::SetEnvironment(_)
             | Request::SetFog(_)
             | Request::SetGlow(_)
-            | Request::SetAmbientOcclusion(_) => self.open_scene,
+            | Request::SetAmbientOcclusion(_)
+            | Request::SetDepthOfField(_) => self.open_scene,
             Request::Capture { .. } | Request::Preview => self.capture,
             _ => self.other,
         }

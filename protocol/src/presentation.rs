@@ -1,6 +1,6 @@
 //! The presentation of the wall's state. Frames, the manager's memory and every status share it.
 
-use polyptych_scene::{AmbientOcclusion, Fog, Glow, LightEffects, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, DepthOfField, Fog, Glow, LightEffects, ToneMapper};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
@@ -44,6 +44,9 @@ pub struct Presentation {
     /// Corners and gaps get less of the light from all around.
     #[serde(default)]
     pub ambient_occlusion: Option<AmbientOcclusion>,
+    /// What is nearer or farther than a distance is blurred.
+    #[serde(default)]
+    pub depth_of_field: Option<DepthOfField>,
     /// A point that its channel lights over a pattern. It ends with the manager.
     #[serde(default)]
     pub marker: Option<CalibrationMarker>,
@@ -56,6 +59,7 @@ impl Presentation {
             fog: self.fog.is_some(),
             glow: self.glow.is_some(),
             ambient_occlusion: self.ambient_occlusion.is_some(),
+            depth_of_field: self.depth_of_field.is_some(),
         }
     }
 
@@ -74,6 +78,7 @@ impl Presentation {
             fog: None,
             glow: None,
             ambient_occlusion: None,
+            depth_of_field: None,
             marker: None,
         }
     }

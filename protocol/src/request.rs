@@ -2,7 +2,9 @@
 //!
 //! Every request has exactly one answer, which carries its number.
 
-use polyptych_scene::{AmbientOcclusion, Bounds, Fog, Glow, SceneFeatures, ToneMapper};
+use polyptych_scene::{
+    AmbientOcclusion, Bounds, DepthOfField, Fog, Glow, SceneFeatures, ToneMapper,
+};
 use polyptych_text::text_of_peer;
 use polyptych_wall::Wall;
 use polyptych_wall::calibration_change::CalibrationChange;
@@ -224,6 +226,8 @@ pub enum Request {
     SetGlow(Option<Glow>),
     /// Darkens corners and gaps, from the next frame on; `None` ends it.
     SetAmbientOcclusion(Option<AmbientOcclusion>),
+    /// Blurs what is nearer or farther than a distance; `None` ends it.
+    SetDepthOfField(Option<DepthOfField>),
     /// Sends pictures as [`Request::Capture`] does, for a person who watches: of the next frame
     /// that the wall draws by itself, or of the last one, drawn once more at its own scene time.
     /// The frame waits for no channel longer than others do.
@@ -315,6 +319,7 @@ impl Request {
             Self::SetFog(_) => "set the fog",
             Self::SetGlow(_) => "set the glow",
             Self::SetAmbientOcclusion(_) => "set the ambient occlusion",
+            Self::SetDepthOfField(_) => "set the depth of field",
             Self::SaveSession { .. } => "save the session",
             Self::OpenSession { .. } => "open the session",
             Self::ListSessions => "list the sessions",

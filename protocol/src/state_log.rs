@@ -235,9 +235,9 @@ impl Replica {
         let revision = part(3, &self.revision.0.to_le_bytes());
         let scene = scene.wrapping_add(self.edits.fingerprint());
         let environment = self.environment.as_ref().map_or(0, |of| part(5, &of.blob.0));
-        let LightEffects { fog, glow, ambient_occlusion } = self.effects;
-        let effects = [fog, glow, ambient_occlusion].map(u8::from);
-        let effects = if effects == [0; 3] { 0 } else { part(7, &effects) };
+        let LightEffects { fog, glow, ambient_occlusion, depth_of_field } = self.effects;
+        let effects = [fog, glow, ambient_occlusion, depth_of_field].map(u8::from);
+        let effects = if effects == [0; 4] { 0 } else { part(7, &effects) };
         let scene = scene.wrapping_add(environment).wrapping_add(effects);
         let places = &self.seen_from;
         let seen_from =

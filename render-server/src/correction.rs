@@ -342,7 +342,7 @@ impl Corrector {
         let layers = self.layers(gpu, wall, frame)?;
         let sides = layers.iter().map(|layer| layer.shots.size);
         let size = sides.fold([0, 0], |[w, h], side| [w.max(side[0]), h.max(side[1])]);
-        let like = (renderer.samples(), scene.needs_light(frame.presentation.glow));
+        let like = (renderer.samples(), scene.needs_light(frame.presentation.effects()));
         let grid = self.reduced_grid(wall, frame.detail.resolution_steps);
         let eyes = self.plan.eyes.len() as u32;
         let size = grid.map_or(size, |grid| grid.size(eyes));

@@ -80,6 +80,7 @@ impl ViewTransform {
             fog: frame.presentation.fog,
             glow: frame.presentation.glow,
             ambient_occlusion: frame.presentation.ambient_occlusion,
+            depth_of_field: frame.presentation.depth_of_field,
             subset: SceneSubset { root: view.root.map(NodeId), layers: view.layers.clone() },
             allowed_error,
             has_shadows: number < SHADOWED_VIEWS_MAX,

@@ -253,6 +253,7 @@ mod tests {
                 fog: Some(polyptych_scene::Fog::even(300.0)),
                 glow: Some(polyptych_scene::Glow::new(0.25)),
                 ambient_occlusion: Some(polyptych_scene::AmbientOcclusion { radius: 0.5 }),
+                depth_of_field: Some(polyptych_scene::DepthOfField::new(12.0)),
                 marker: None,
             },
             pace: Some(Pacing::Rate(60.0)),

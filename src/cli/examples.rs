@@ -72,6 +72,7 @@ const EXAMPLES: &[(&str, &[&str])] = &[
     ("tone", &["polyptych tone aces", "polyptych tone"]),
     ("glow", &["polyptych glow 0.1", "polyptych glow 0.2 --width 6", "polyptych glow none"]),
     ("ambient-occlusion", &["polyptych ambient-occlusion 0.5", "polyptych ambient-occlusion none"]),
+    ("depth-of-field", &["polyptych depth-of-field 12", "polyptych depth-of-field 12,0.5"]),
     ("fog", &["polyptych fog 800", "polyptych fog 120 --height 1 --half 6", "polyptych fog none"]),
     ("variant", &["polyptych variant list", "polyptych variant Red", "polyptych variant none"]),
     ("pick", &["polyptych pick front 960,540", "polyptych pick front 100,80 --json"]),

@@ -14,7 +14,7 @@ const JPEG_QUALITY: u8 = 85;
 
 /// An address to listen on, as an argument: `HOST:PORT`, or `HOST` with the usual port.
 pub(super) fn address(text: &str) -> Result<String, String> {
-    super::address_with(text, PORT_DEFAULT, 0)
+    super::address::address_with(text, PORT_DEFAULT, 0)
 }
 
 /// Listens for HTTP; where other machines reach it only if that was said.

@@ -24,6 +24,7 @@ mod tests {
         for words in [
             &["glow", "-1"][..],
             &["ambient-occlusion", "-0.5"],
+            &["depth-of-field", "-2"],
             &["fog", "-30"],
             &["simulate", "wall.toml", "--glow", "-1"],
         ] {

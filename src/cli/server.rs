@@ -20,8 +20,9 @@ use polyptych_render::{
 use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 use rustix::process::{Signal, getpid, kill_process};
 
+use super::address::addresses;
 use super::shutdown_signal::shutdown_signal;
-use super::{MANAGER_VARIABLE, addresses, cache_folder, say};
+use super::{MANAGER_VARIABLE, cache_folder, say};
 use crate::simulator::local_wall::WINDOW_CLOSED;
 
 #[derive(Debug, clap::Args)]

@@ -5,11 +5,11 @@ use std::path::Path;
 
 use anyhow::Context;
 use polyptych_client::glam::DVec3;
-use polyptych_client::{AmbientOcclusion, EnvironmentSource, Fog, Glow, ToneMapper};
+use polyptych_client::{AmbientOcclusion, DepthOfField, EnvironmentSource, Fog, Glow, ToneMapper};
 use polyptych_text::printable;
 
 use super::remote::{path_from_here, point, positive};
-use super::{ManagerAddress, say};
+use super::{ManagerAddress, depth_of_field, say};
 use crate::simulator::look::{Brightness, Look};
 
 /// Limits of an exposure in stops: a factor of 2 to the power of this is far from all that a
@@ -39,6 +39,10 @@ pub(super) struct LookArguments {
     /// Darken corners and gaps: nothing farther than this takes light from a place, in world units
     #[arg(long, value_name = "RADIUS", value_parser = occlusion_radius)]
     pub ambient_occlusion: Option<f32>,
+    /// Blur what is nearer or farther than a distance from the eye, in world units: the distance,
+    /// or FOCUS,APERTURE with the width of the lens [default aperture: a fiftieth of the focus]
+    #[arg(long, value_name = "FOCUS", value_parser = depth_of_field::focus)]
+    pub depth_of_field: Option<DepthOfField>,
 }
 
 impl LookArguments {
@@ -53,6 +57,7 @@ impl LookArguments {
             fog: self.fog.map(Fog::even),
             glow: self.glow.map(Glow::new),
             ambient_occlusion: self.ambient_occlusion.map(|radius| AmbientOcclusion { radius }),
+            depth_of_field: self.depth_of_field,
             exposure: self.exposure,
         })
     }

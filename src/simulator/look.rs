@@ -1,10 +1,12 @@
-//! How a run shows its scene: surroundings, tone, fog, glow, ambient occlusion and
+//! How a run shows its scene: surroundings, tone, fog, glow, ambient occlusion, depth of field and
 //! exposure.
 
 use std::path::{Path, PathBuf};
 
 use polyptych_client::blocking::Client;
-use polyptych_client::{AmbientOcclusion, ClientError, EnvironmentSource, Fog, Glow, ToneMapper};
+use polyptych_client::{
+    AmbientOcclusion, ClientError, DepthOfField, EnvironmentSource, Fog, Glow, ToneMapper,
+};
 
 /// The exposure of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,6 +25,7 @@ pub(crate) struct Look {
     pub fog: Option<Fog>,
     pub glow: Option<Glow>,
     pub ambient_occlusion: Option<AmbientOcclusion>,
+    pub depth_of_field: Option<DepthOfField>,
     pub exposure: Option<Brightness>,
 }
 
@@ -52,6 +55,9 @@ impl Look {
         }
         if self.ambient_occlusion.is_some() {
             client.set_ambient_occlusion(self.ambient_occlusion)?;
+        }
+        if self.depth_of_field.is_some() {
+            client.set_depth_of_field(self.depth_of_field)?;
         }
         match self.exposure {
             Some(Brightness::Factor(factor)) => client.set_exposure(factor),

@@ -182,6 +182,7 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
         fog: None,
         glow: None,
         ambient_occlusion: None,
+        depth_of_field: None,
         subset: polyptych_scene::SceneSubset::default(),
         allowed_error: polyptych_renderer::AllowedError::NONE,
         has_shadows: false,

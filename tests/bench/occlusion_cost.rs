@@ -65,6 +65,7 @@ fn look(eye: DVec3, at: DVec3) -> ViewDesc {
         fog: None,
         glow: None,
         ambient_occlusion: None,
+        depth_of_field: None,
         subset: SceneSubset::default(),
         allowed_error: AllowedError::NONE,
         has_shadows: false,

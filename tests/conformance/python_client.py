@@ -120,6 +120,11 @@ def occlusion(given: Any) -> Optional[polyptych.AmbientOcclusion]:
     return None if given is None else decode(polyptych.AmbientOcclusion, given)
 
 
+def focus(given: Any) -> Optional[polyptych.DepthOfField]:
+    """A depth of field of the wire, if there is one."""
+    return None if given is None else decode(polyptych.DepthOfField, given)
+
+
 def fog(given: Any) -> Optional[polyptych.Fog]:
     """A fog of the wire, if there is one."""
     return None if given is None else decode(polyptych.Fog, given)
@@ -147,6 +152,9 @@ CALLS: Dict[str, Callable[[Client, Arguments], Any]] = {
     "set_glow": lambda client, given: client.set_glow(glow(given["glow"])),
     "set_ambient_occlusion": lambda client, given: client.set_ambient_occlusion(
         occlusion(given["ambient_occlusion"])
+    ),
+    "set_depth_of_field": lambda client, given: client.set_depth_of_field(
+        focus(given["depth_of_field"])
     ),
     "set_bounds": lambda client, given: client.set_bounds(
         decode(polyptych.QualityBounds, given["bounds"])

@@ -245,6 +245,30 @@ fn ambient_occlusion_darkens_corners_on_all_displays_until_it_is_taken_away() {
 }
 
 #[test]
+fn depth_of_field_blurs_what_is_far_on_all_displays_until_it_is_taken_away() {
+    let local = wall();
+    let client = local.client();
+    client.open_scene("triangle.glb").expect("opened");
+    let plain = picture(&client);
+    assert_eq!(local.run(&["depth-of-field"]).succeeded(), "depth of field none");
+    let said = local.run(&["depth-of-field", "0.2,0.02"]).succeeded();
+    assert_eq!(said, "depth of field with a focus at 0.2, an aperture of 0.02");
+    let blurred = picture(&client);
+    // Edges are ramps: more colours than a sharp triangle has.
+    let colors = |of: &RgbaImage| of.pixels().collect::<std::collections::HashSet<_>>().len();
+    let [few, many] = [&plain, &blurred].map(colors);
+    assert!(many > few + 8, "{few} colours became {many}");
+    for words in [["depth-of-field", "0"], ["depth-of-field", "5,0"], ["depth-of-field", "near"]] {
+        let refused = local.run(&words);
+        assert_eq!(refused.code(), 2, "{}", refused.output);
+        assert!(refused.output.contains("or none"), "{}", refused.output);
+    }
+    assert!(picture(&client) == blurred, "what is refused changes nothing");
+    local.run(&["depth-of-field", "none"]).succeeded();
+    check("without", &picture(&client), &plain, &IDENTICAL);
+}
+
+#[test]
 fn a_simulation_has_the_surroundings_that_it_is_given() {
     let run = |arguments: &[&str]| {
         let place = TestDir::new();

@@ -65,6 +65,7 @@ from .feedback import (
     ChannelFeedback,
     ChannelState,
     ChannelStatus,
+    DepthOfField,
     DeviceStatus,
     Fog,
     FrameFeedback,
@@ -122,8 +123,8 @@ from .wall import Channel, Ray, Screen, Wall
 __all__ = [
     "AmbientOcclusion", "Area", "Ball", "Bounds", "Box", "Camera", "Capture", "CaptureTooLarge",
     "Channel", "ChannelFeedback", "ChannelState", "ChannelStatus", "Client", "ClientError",
-    "ClipStatus", "Closed", "ConnectOptions", "ConnectionLost", "Convex", "DeviceStatus", "Easing",
-    "Edited",
+    "ClipStatus", "Closed", "ConnectOptions", "ConnectionLost", "Convex", "DepthOfField",
+    "DeviceStatus", "Easing", "Edited",
     "Event", "EventStream", "Failed", "FeedbackEvent", "FeedbackStream", "Fog", "Follow",
     "FrameFeedback", "Glow", "Handshake", "HeadPose", "Image", "Keys", "LayerInfo", "LeaderStatus",
     "LitHours", "LogEvent", "LostEvent", "MalformedPicture", "ManagerEnded", "NearestPoint",

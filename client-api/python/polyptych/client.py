@@ -49,6 +49,7 @@ _PREPARED = (
     "SetFog",
     "SetGlow",
     "SetAmbientOcclusion",
+    "SetDepthOfField",
 )
 _CAPTURE = "capture the wall"
 

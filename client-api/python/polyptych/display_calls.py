@@ -7,6 +7,7 @@ from typing import Any, Dict, Optional, Sequence, Union
 from .camera import Camera
 from .feedback import (
     AmbientOcclusion,
+    DepthOfField,
     Fog,
     Glow,
     FrameFeedback,
@@ -60,6 +61,11 @@ class DisplayCalls(Requests):
     def set_ambient_occlusion(self, occlusion: Optional[AmbientOcclusion]) -> None:
         """Darkens corners and gaps; ``None`` ends it. Returns once frames have it."""
         self._do({"SetAmbientOcclusion": occlusion})
+
+    def set_depth_of_field(self, depth_of_field: Optional[DepthOfField]) -> None:
+        """Blurs what is nearer or farther than a distance; ``None`` ends it. Returns once frames
+        have it."""
+        self._do({"SetDepthOfField": depth_of_field})
 
     def set_bounds(self, bounds: QualityBounds) -> None:
         """Bounds the error and the rate of pictures, until it is set again."""

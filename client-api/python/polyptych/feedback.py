@@ -93,6 +93,16 @@ class AmbientOcclusion:
 
 
 @dataclass(frozen=True)
+class DepthOfField:
+    """Blur of what is nearer or farther than a distance."""
+
+    #: What is at this distance from the eye is sharp, in units of the world; above 0.
+    focus: float
+    #: The width of the lens, in units of the world; above 0.
+    aperture: float
+
+
+@dataclass(frozen=True)
 class QualityBounds:
     """An upper bound of the error and a lower bound of the rate; the rate wins."""
 
@@ -235,6 +245,7 @@ class Presentation:
     fog: Optional[Fog] = None
     glow: Optional[Glow] = None
     ambient_occlusion: Optional[AmbientOcclusion] = None
+    depth_of_field: Optional[DepthOfField] = None
 
     def all_views(self) -> List[View]:
         """Returns the wall's own picture, and what lies over it."""

@@ -60,6 +60,7 @@ _NAMES: Dict[str, str] = {
     "SetFog": "set the fog",
     "SetGlow": "set the glow",
     "SetAmbientOcclusion": "set the ambient occlusion",
+    "SetDepthOfField": "set the depth of field",
     "SaveSession": "save the session",
     "OpenSession": "open the session",
     "ListSessions": "list the sessions",

@@ -2,7 +2,7 @@
 
 use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::quality_bounds::QualityBounds;
-use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, DepthOfField, Fog, Glow, ToneMapper};
 
 use super::{Client, wait};
 use crate::error::ClientError;
@@ -65,6 +65,14 @@ impl Client {
         occlusion: Option<AmbientOcclusion>,
     ) -> Result<(), ClientError> {
         wait(self.inner.set_ambient_occlusion(occlusion))
+    }
+
+    /// Blocking version of [`crate::Client::set_depth_of_field`].
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn set_depth_of_field(&self, of: Option<DepthOfField>) -> Result<(), ClientError> {
+        wait(self.inner.set_depth_of_field(of))
     }
 
     /// Blocking version of [`crate::Client::set_bounds`].

@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
-    AmbientOcclusion, Camera, ClientError, Digest, EnvironmentSource, Epoch, Fog, FrameId, Glow,
-    HeadPose, OPEN_REQUESTS_MAX, OpenProgress, OpenStage, OutputMode, Pacing, Presentation,
-    Quantiles, Request, RequestId, ResolutionScales, Response, Revision, SceneFeatures,
-    SceneSummary, Statistics, TestPattern, ToneMapper, Tuned, View, Wall, WallStatus,
-    calibration_change::CalibrationChange,
+    AmbientOcclusion, Camera, ClientError, DepthOfField, Digest, EnvironmentSource, Epoch, Fog,
+    FrameId, Glow, HeadPose, OPEN_REQUESTS_MAX, OpenProgress, OpenStage, OutputMode, Pacing,
+    Presentation, Quantiles, Request, RequestId, ResolutionScales, Response, Revision,
+    SceneFeatures, SceneSummary, Statistics, TestPattern, ToneMapper, Tuned, View, Wall,
+    WallStatus, calibration_change::CalibrationChange,
 };
 use polyptych_protocol::request::MessageToClient;
 
@@ -142,6 +142,7 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
     client.set_fog(Some(Fog::even(80.0))).await.expect("set");
     client.set_glow(Some(Glow::new(0.5))).await.expect("set");
     client.set_ambient_occlusion(Some(AmbientOcclusion { radius: 0.5 })).await.expect("set");
+    client.set_depth_of_field(Some(DepthOfField::new(12.0))).await.expect("set");
     client.set_environment(EnvironmentSource::Sky).await.expect("set");
     assert_eq!(client.render_frame().await.expect("drawn"), feedback(9));
     assert_eq!(client.render_frame_at(Some(camera), Some(4.0)).await.expect("drawn"), feedback(4));
@@ -171,6 +172,7 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
         Request::SetFog(Some(Fog::even(80.0))),
         Request::SetGlow(Some(Glow::new(0.5))),
         Request::SetAmbientOcclusion(Some(AmbientOcclusion { radius: 0.5 })),
+        Request::SetDepthOfField(Some(DepthOfField::new(12.0))),
         Request::SetEnvironment(EnvironmentSource::Sky),
         Request::RenderFrame { camera: None, time_s: None },
         Request::RenderFrame { camera: Some(camera), time_s: Some(4.0) },

@@ -8,6 +8,7 @@ mod ambient_occlusion;
 mod animated_property;
 mod animation;
 pub mod deformation;
+mod depth_of_field;
 mod edit;
 pub mod environment_map;
 mod features;
@@ -49,6 +50,7 @@ pub use animation::{
     AnimatedNode, AnimatedPath, Animations, CLIPS_MAX, Channel, Clip, ClipTime, Interpolation,
 };
 pub use deformation::Deformation;
+pub use depth_of_field::DepthOfField;
 pub use edit::{
     AssetSet, Attribute, Edit, NewNode, NodeId, provisional_asset, provisional_asset_index,
 };

@@ -13,4 +13,18 @@ pub struct LightEffects {
     /// Corners and gaps get less of the light from all around; see
     /// [`AmbientOcclusion`](crate::AmbientOcclusion).
     pub ambient_occlusion: bool,
+    /// What is nearer or farther than a distance is blurred; see
+    /// [`DepthOfField`](crate::DepthOfField).
+    pub depth_of_field: bool,
+}
+
+impl LightEffects {
+    /// Light and its shadows alone.
+    pub const NONE: Self =
+        Self { fog: false, glow: false, ambient_occlusion: false, depth_of_field: false };
+
+    /// Returns whether pixels get light of others, as scenes have it before tone mapping.
+    pub fn mixes_light(self) -> bool {
+        self.glow || self.depth_of_field
+    }
 }

@@ -12,6 +12,7 @@ use super::lamp_map::LampShadowRecord;
 use super::pass::ambient_occlusion::OcclusionUniform;
 use super::pass::background::BackgroundUniform;
 use super::pass::correct::{CellRecord, CorrectionUniform};
+use super::pass::depth_of_field::LensUniform;
 use super::scene::{ExtensionUniform, MaterialUniform};
 use super::shadow_uniform::ShadowUniform;
 use super::view::{FrameUniform, LocalLightRecord};
@@ -178,6 +179,30 @@ pub(crate) fn glow_layout(device: &wgpu::Device, uniform_size: usize) -> wgpu::B
     device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: Some("glow/layout"),
         entries: &[texture(0, true), sampler(1), texture(2, true), uniform],
+    })
+}
+
+/// Group 1 of depth of field: the uniforms of a view, each at an offset, a sampler, a picture and
+/// its depth of one sample for each texel or of several, and five pictures that are computed from
+/// these.
+pub(crate) fn lens_layout(device: &wgpu::Device, multisampled: bool) -> wgpu::BindGroupLayout {
+    let fragment = wgpu::ShaderStages::FRAGMENT;
+    let uniform = wgpu::BufferBindingType::Uniform;
+    let depth = wgpu::BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Depth,
+        view_dimension: wgpu::TextureViewDimension::D2,
+        multisampled,
+    };
+    let mut entries = vec![
+        buffer(0, fragment, uniform, true, size_of::<LensUniform>()),
+        sampler(1),
+        texture(2, true),
+        wgpu::BindGroupLayoutEntry { binding: 3, visibility: fragment, ty: depth, count: None },
+    ];
+    entries.extend((4..=8).map(|binding| texture(binding, true)));
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("depth_of_field/layout"),
+        entries: &entries,
     })
 }
 

@@ -9,6 +9,7 @@
 mod ambient_occlusion;
 mod begun_frame;
 mod behind;
+mod depth_of_field;
 mod draw_context;
 mod frame_buffer;
 mod glow;
@@ -30,6 +31,7 @@ use polyptych_scene::{SceneSubset, ToneMapper};
 
 use super::draw_list::{DrawList, Scratch, VisibleItems, samples_of};
 use super::gpu::Gpu;
+use super::guarded_region::GuardedRegion;
 use super::occlusion::OcclusionCulling;
 use super::pass::background::BackgroundPass;
 use super::pass::occluder::OccluderPass;
@@ -45,13 +47,14 @@ use ambient_occlusion::OcclusionMaps;
 use begun_frame::ShownView;
 pub use begun_frame::{BegunFrame, SubmittedFrame};
 use behind::{BehindPictures, DrawnWith};
+use depth_of_field::DiscPictures;
 pub(crate) use draw_context::DrawContext;
 use draw_context::FrameBindings;
 use frame_buffer::{FrameBuffer, is_too_large};
 use glow::GlowPictures;
 pub(crate) use hidden_items::OcclusionMemory;
 use hidden_items::encode_behind;
-use scene_pass::encode_scene;
+use scene_pass::{SceneEnds, encode_scene};
 use shadows::FrameShadows;
 pub(crate) use shadows::Shadows;
 pub use submission::Submission;
@@ -69,6 +72,7 @@ pub(crate) struct FrameResources {
     ordered_indices: FrameBuffer,
     behind_uniforms: FrameBuffer,
     behind: BehindPictures,
+    discs: DiscPictures,
     glow: GlowPictures,
     occlusion: OcclusionMaps,
     background: Option<BackgroundPass>,
@@ -92,6 +96,7 @@ impl FrameResources {
             ordered_indices: FrameBuffer::new("frame/ordered_indices", wgpu::BufferUsages::INDEX),
             behind_uniforms: FrameBuffer::new("frame/behind", wgpu::BufferUsages::UNIFORM),
             behind: BehindPictures::default(),
+            discs: DiscPictures::default(),
             glow: GlowPictures::default(),
             occlusion: OcclusionMaps::default(),
             background: None,
@@ -114,6 +119,12 @@ impl FrameResources {
     #[cfg(test)]
     pub fn has_behind(&self) -> bool {
         !self.behind.is_empty()
+    }
+
+    /// Returns whether there are maps of depth of field.
+    #[cfg(test)]
+    pub fn has_discs(&self) -> bool {
+        !self.discs.is_empty()
     }
 
     /// Returns whether there are maps of ambient occlusion.
@@ -182,10 +193,13 @@ impl FrameResources {
         let FrameShadows { groups, drawn } = shadows.draw(with, gpu, scene, &shown)?;
         let found = ready(&pipelines.surfaces, scene, variant)?;
         let pictures = behind::planned(scene, &shown);
+        let places = depth_of_field::regions(&shown);
+        let covered = covered(&pictures, &places);
         let casters = &pipelines.casters;
-        let occlusion = self.draw_occlusion(gpu, casters, scene, (&shown, &pictures))?;
+        let occlusion = self.draw_occlusion(gpu, casters, scene, (&shown, &covered))?;
         let occlusion = occlusion.as_ref();
         let with = DrawnWith { pipelines: &found, variant, shadows: &groups, occlusion };
+        let is_blurred = self.draw_discs(gpu, &with, (scene, target), (&shown, &places))?;
         let behind = self.draw_behind(gpu, &with, scene, target, (&shown, pictures))?;
         let glow = self.begin_glow(gpu, &with, (scene, target), &shown)?;
         let lists = self.lists(gpu, scene, &shown)?;
@@ -214,11 +228,17 @@ impl FrameResources {
             encode_behind(&mut encoder, occluders, target, hidden);
         }
         let clear_scene = if target.is_linear() { light_color(sky) } else { clear_display };
-        let begins_with = (clear_scene, hidden.is_some());
-        encode_scene(&mut encoder, target, begins_with, &context, background.as_ref());
+        let has_depth = hidden.is_some();
+        let ends = SceneEnds { sky: clear_scene, has_depth, keeps_depth: is_blurred };
+        encode_scene(&mut encoder, target, ends, &context, background.as_ref());
+        if is_blurred {
+            self.encode_discs(gpu, &mut encoder, (target, clear_scene), &shown);
+        } else {
+            target.end_focus();
+        }
         let touched = lists.iter().filter_map(|list| match background {
-            Some(_) => Some(list.rectangle),
-            None => list.touched,
+            None if !is_blurred => list.touched,
+            _ => Some(list.rectangle),
         });
         let touched = touched.reduce(around);
         if let Some(first) = &glow.first {
@@ -344,6 +364,7 @@ impl FrameResources {
             fog: None,
             glow: None,
             ambient_occlusion: None,
+            depth_of_field: None,
             subset: SceneSubset::default(),
             allowed_error: AllowedError::NONE,
             has_shadows: false,
@@ -366,12 +387,24 @@ impl FrameResources {
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("warm") });
-        let begins_with = (wgpu::Color::BLACK, false);
-        encode_scene(&mut encoder, target, begins_with, &context, background.as_ref());
+        let ends = SceneEnds::default();
+        encode_scene(&mut encoder, target, ends, &context, background.as_ref());
         let black = (wgpu::Color::BLACK, tone);
         self.tonemap.encode(gpu, &mut encoder, target, black, Some([0, 0, 1, 1]));
         Submission::new(gpu, encoder).wait(gpu).map(|_| ())
     }
+}
+
+/// The pictures of each view that ambient occlusion covers beside what it shows.
+fn covered(
+    pictures: &[Vec<GuardedRegion>],
+    places: &[depth_of_field::Places],
+) -> Vec<Vec<GuardedRegion>> {
+    let of_view = |(pictures, places): (&Vec<GuardedRegion>, &depth_of_field::Places)| {
+        let sharp = pictures.iter().copied().filter(behind::is_covered);
+        sharp.chain(places.map(|[_, picture]| picture)).collect()
+    };
+    pictures.iter().zip(places).map(of_view).collect()
 }
 
 /// What lists draw of a scene, without what is hidden.

@@ -43,6 +43,19 @@ const DEPTHS_LEVELS: u32 = 2;
 /// over.
 const OCCLUSION_REACH: i64 = 4;
 
+/// Texels of the picture of depth of field to a radian, at most: a texel is one or two pixels of a
+/// display that a viewer is close to.
+const FOCUS_PER_RADIAN: f64 = 1024.0;
+
+/// Texels of a disc's radius, at most: the widest of 4° seen 40° beside the middle of the canvas.
+pub(crate) const DISC_REACH: i64 = 64;
+
+/// Texels of the guard band of that picture: the coarsest ones that a disc may reach.
+const FOCUS_REACH: i64 = 2 * DISC_REACH;
+
+/// Texels around what is seen for which discs are gathered: those that pixels are between.
+const GATHERED_REACH: i64 = 2;
+
 /// Texels of the wide picture of a whole canvas, at most: 500 MB with four samples each. Only one
 /// of more than 130° to both sides has fewer to a radian for that.
 pub(crate) const TEXELS_MAX: u64 = 8 << 20;
@@ -114,6 +127,15 @@ impl GuardedRegion {
         let scale = scale(view, DEPTHS_PER_RADIAN, DEPTHS_REACH);
         let around = |reach| Self::around(view, rectangle, (scale, DEPTHS_LEVELS), reach);
         [around(OCCLUSION_REACH), around(OCCLUSION_REACH + DEPTHS_REACH)]
+    }
+
+    /// Returns the places of what discs of depth of field cover in what a view shows in a rectangle
+    /// of the target, and of the picture that has them: the texels of both are the same.
+    pub fn of_focus(view: &ViewDesc, rectangle: [u32; 4]) -> [Self; 2] {
+        let scale = scale(view, FOCUS_PER_RADIAN, FOCUS_REACH);
+        let rectangle = rectangle.map(i64::from);
+        let around = |levels, reach| Self::around(view, rectangle, (scale, levels), reach);
+        [around(0, GATHERED_REACH), around(LEVELS, GATHERED_REACH + FOCUS_REACH)]
     }
 
     /// All of it in pixels of the target: x, y, width, height.

@@ -122,6 +122,7 @@ impl LampMap {
             fog: None,
             glow: None,
             ambient_occlusion: None,
+            depth_of_field: None,
             tone: polyptych_scene::ToneMapper::default(),
             subset: camera.subset.clone(),
             // Levels of detail as the light sees them, whoever sees the shadow.

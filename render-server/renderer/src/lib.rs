@@ -30,6 +30,7 @@ mod occlusion;
 mod occlusion_trial;
 mod output_texture;
 mod pass;
+mod picture_target;
 mod pipeline;
 mod readback;
 mod region_group;
@@ -289,8 +290,8 @@ impl Renderer {
         target: &mut Target,
         views: &[ViewDesc],
     ) -> Result<BegunFrame, DrawError> {
-        let glow = views.iter().find_map(|view| view.glow);
-        let lacks_light = scene.needs_light(glow) && !target.is_linear();
+        let needs_light = views.iter().any(|view| scene.needs_light(view.effects()));
+        let lacks_light = (needs_light || scene.has_transparency()) && !target.is_linear();
         if target.samples() != self.samples || lacks_light {
             return Err(DrawError::Target);
         }

@@ -4,6 +4,7 @@ pub(crate) mod ambient_occlusion;
 pub(crate) mod background;
 pub(crate) mod behind;
 pub mod correct;
+pub(crate) mod depth_of_field;
 pub mod enlarge;
 pub(crate) mod glow;
 pub mod idle;

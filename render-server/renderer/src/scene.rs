@@ -28,7 +28,7 @@ mod triangle_order;
 use std::sync::Arc;
 
 use glam::Vec3;
-use polyptych_scene::Glow;
+use polyptych_scene::LightEffects;
 
 use crate::cull::FrustumPlanes;
 use crate::environment::Environment;
@@ -242,10 +242,10 @@ impl GpuScene {
         self.layout.blends
     }
 
-    /// Returns whether its targets must hold light before tone mapping: with transparency, or with
-    /// glow.
-    pub fn needs_light(&self, glow: Option<Glow>) -> bool {
-        self.has_transparency() || glow.is_some()
+    /// Returns whether its targets must hold light before tone mapping: with transparency, glow, or
+    /// depth of field.
+    pub fn needs_light(&self, effects: LightEffects) -> bool {
+        self.has_transparency() || effects.mixes_light()
     }
 
     /// Around everything in a part of it.

@@ -29,7 +29,7 @@ impl PipelineNeeds {
 
     /// Returns whether it is drawn onto targets that hold light.
     pub(crate) fn is_light(&self) -> bool {
-        self.layout.blends || self.effects.glow
+        self.layout.blends || self.effects.mixes_light()
     }
 
     pub(crate) fn variant(&self) -> PipelineVariant {

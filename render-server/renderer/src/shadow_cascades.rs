@@ -167,6 +167,7 @@ impl Cascade {
             fog: None,
             glow: None,
             ambient_occlusion: None,
+            depth_of_field: None,
             tone: polyptych_scene::ToneMapper::default(),
             subset: camera.subset.clone(),
             allowed_error: AllowedError::NONE,

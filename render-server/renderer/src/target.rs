@@ -3,6 +3,7 @@
 use super::frame::OcclusionMemory;
 use super::gpu::Gpu;
 use super::output_texture::{ImageEncoding, OutputTexture};
+use super::picture_target::picture_texture;
 
 /// Bytes are sRGB; blending and resolving happen in linear light.
 pub(crate) const DISPLAY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
@@ -40,6 +41,8 @@ pub struct Target {
     /// Only with several samples per pixel.
     multisampled: Option<wgpu::TextureView>,
     depth: wgpu::TextureView,
+    /// The light with depth of field; `None` where the frame has none.
+    focus: Option<wgpu::TextureView>,
     pub(crate) occlusion: OcclusionMemory,
 }
 
@@ -96,6 +99,7 @@ impl Target {
         let drawn = wgpu::TextureUsages::RENDER_ATTACHMENT;
         let read = drawn | wgpu::TextureUsages::TEXTURE_BINDING;
         let metered = read | wgpu::TextureUsages::COPY_SRC;
+        let depth = if linear { read } else { drawn };
         let scene_format = if linear { LINEAR_FORMAT } else { content.format() };
         Ok(Self {
             size,
@@ -104,7 +108,8 @@ impl Target {
             linear: linear.then(|| view(&make("target/linear", LINEAR_FORMAT, 1, metered))),
             multisampled: (samples > 1)
                 .then(|| view(&make("target/multisampled", scene_format, samples, drawn))),
-            depth: view(&make("target/depth", DEPTH_FORMAT, samples, drawn)),
+            depth: view(&make("target/depth", DEPTH_FORMAT, samples, depth)),
+            focus: None,
             occlusion: OcclusionMemory::default(),
         })
     }
@@ -167,6 +172,27 @@ impl Target {
 
     pub(crate) fn linear(&self) -> Option<&wgpu::TextureView> {
         self.linear.as_ref()
+    }
+
+    /// The light that is shown: with depth of field, if the frame has any.
+    pub(crate) fn light(&self) -> Option<&wgpu::TextureView> {
+        self.focus.as_ref().or(self.linear.as_ref())
+    }
+
+    /// Begins depth of field: from now on the light that is shown is the last of these. Returns the
+    /// light and the depth of the scene, and where the light with depth of field comes.
+    pub(crate) fn begin_focus(&mut self, gpu: &Gpu) -> Option<[&wgpu::TextureView; 3]> {
+        let linear = self.linear.as_ref()?;
+        let focus = self.focus.get_or_insert_with(|| {
+            let texture = picture_texture(gpu, "target/focus", LINEAR_FORMAT, (self.size, 1));
+            texture.create_view(&wgpu::TextureViewDescriptor::default())
+        });
+        Some([linear, &self.depth, focus])
+    }
+
+    /// Ends depth of field: the light that is shown is that of the scene again.
+    pub(crate) fn end_focus(&mut self) {
+        self.focus = None;
     }
 
     pub(crate) fn depth(&self) -> &wgpu::TextureView {

@@ -2,7 +2,9 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DMat4, DVec3, DVec4, Mat4, Vec3, Vec4};
-use polyptych_scene::{AmbientOcclusion, Fog, Glow, SceneSubset, ToneMapper};
+use polyptych_scene::{
+    AmbientOcclusion, DepthOfField, Fog, Glow, LightEffects, SceneSubset, ToneMapper,
+};
 
 use super::cull::FrustumPlanes;
 use super::pass::ambient_occlusion::OcclusionPlace;
@@ -60,6 +62,8 @@ pub struct ViewDesc {
     pub glow: Option<Glow>,
     /// Corners and gaps get less of the light from all around.
     pub ambient_occlusion: Option<AmbientOcclusion>,
+    /// What is nearer or farther than a distance is blurred; nothing where rays are parallel.
+    pub depth_of_field: Option<DepthOfField>,
     /// The part of the scene that it shows.
     pub subset: SceneSubset,
     /// The error up to which coarser levels of detail are drawn.
@@ -237,6 +241,16 @@ impl ViewDesc {
         Self { eye_in_world, clip_from_view, ..self.clone() }
     }
 
+    /// Returns which effects of light it has.
+    pub fn effects(&self) -> LightEffects {
+        LightEffects {
+            fog: self.fog.is_some(),
+            glow: self.glow.is_some(),
+            ambient_occlusion: self.ambient_occlusion.is_some(),
+            depth_of_field: self.depth_of_field.is_some(),
+        }
+    }
+
     /// The uniforms of this view of a part of a scene.
     pub(crate) fn uniform(&self, scene: &GpuScene, part: Selection) -> FrameUniform {
         let mut suns = [DirectionalLightRecord::default(); SUNS_MAX];
@@ -328,6 +342,9 @@ impl ViewDesc {
             return Some(fault);
         }
         if let Some(fault) = self.ambient_occlusion.and_then(|of| of.fault()) {
+            return Some(fault);
+        }
+        if let Some(fault) = self.depth_of_field.and_then(|of| of.fault()) {
             return Some(fault);
         }
         let AllowedError { angle_rad, length, eye_offset, pixel } = self.allowed_error;

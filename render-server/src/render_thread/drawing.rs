@@ -132,7 +132,7 @@ impl RenderThread {
         scene: &GpuScene,
         correctors: &Correctors,
     ) -> Result<Begun, String> {
-        let is_linear = scene.needs_light(frame.presentation.glow);
+        let is_linear = scene.needs_light(frame.presentation.effects());
         if let Some(pattern) = frame.presentation.pattern {
             self.draw_pattern(index, (wall, id), frame, pattern, is_linear)?;
             return Ok(Begun::Pattern);

@@ -16,7 +16,7 @@ use polyptych_protocol::quality_bounds::DetailBound;
 use polyptych_renderer::{
     Environment, GpuScene, ImageEncoding, PipelineNeeds, SceneBuilder, ScenePipelines, Target,
 };
-use polyptych_scene::{AmbientOcclusion, Fog, Glow, Scene};
+use polyptych_scene::{AmbientOcclusion, DepthOfField, Fog, Glow, Scene};
 
 use super::{Correctors, ReadyState, RenderThread, STATES_MAX, WARM_UP_SIDE};
 use crate::channel_output::ChannelOutput;
@@ -317,6 +317,7 @@ impl RenderThread {
                 ambient_occlusion: effects
                     .ambient_occlusion
                     .then_some(AmbientOcclusion { radius: 1.0 }),
+                depth_of_field: effects.depth_of_field.then(|| DepthOfField::new(1.0)),
                 ..Presentation::new(wall.head())
             },
             capture: false,
@@ -335,7 +336,7 @@ impl RenderThread {
             view.scissor = None;
         }
         let side = [WARM_UP_SIDE; 2];
-        let is_linear = scene.needs_light(frame.presentation.glow);
+        let is_linear = scene.needs_light(frame.presentation.effects());
         let target = Target::with_encoding(&self.gpu, side, wall.samples, is_linear, content);
         let mut target = target.map_err(|error| error.to_string())?;
         let start = Instant::now();

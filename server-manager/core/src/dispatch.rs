@@ -73,9 +73,10 @@ impl Cluster {
             Request::SetViews(views) => self.request_views(views)?,
             Request::SetExposure(exposure) => self.set_exposure(exposure)?,
             Request::SetTone(tone) => self.presentation.tone = tone,
-            Request::SetFog(_) | Request::SetGlow(_) | Request::SetAmbientOcclusion(_) => {
-                return self.set_effect(now, job, &request);
-            }
+            Request::SetFog(_)
+            | Request::SetGlow(_)
+            | Request::SetAmbientOcclusion(_)
+            | Request::SetDepthOfField(_) => return self.set_effect(now, job, &request),
             Request::SetAutomaticExposure => self.set_automatic_exposure(now),
             Request::MarkPoint(marker) => self.mark_point(marker)?,
             Request::SetRest(rules) => self.set_rest(now, rules)?,

@@ -1,10 +1,10 @@
-//! Fog, glow and ambient occlusion: servers make their pipelines before the first frame that has
-//! them.
+//! Fog, glow, ambient occlusion and depth of field: servers make their pipelines before the first
+//! frame that has them.
 
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::request::{Request, Response};
 use polyptych_protocol::state_log::Operation;
-use polyptych_scene::{AmbientOcclusion, Fog, Glow, LightEffects};
+use polyptych_scene::{AmbientOcclusion, DepthOfField, Fog, Glow, LightEffects};
 use serde::{Deserialize, Serialize};
 
 use super::change_queue::{ChangeOrigin, ChangeQueue};
@@ -16,6 +16,7 @@ pub(super) enum EffectSetting {
     Fog(Option<Fog>),
     Glow(Option<Glow>),
     AmbientOcclusion(Option<AmbientOcclusion>),
+    DepthOfField(Option<DepthOfField>),
 }
 
 impl EffectSetting {
@@ -25,6 +26,7 @@ impl EffectSetting {
             Request::SetFog(fog) => Some(Self::Fog(fog)),
             Request::SetGlow(glow) => Some(Self::Glow(glow)),
             Request::SetAmbientOcclusion(of) => Some(Self::AmbientOcclusion(of)),
+            Request::SetDepthOfField(of) => Some(Self::DepthOfField(of)),
             _ => None,
         }
     }
@@ -34,6 +36,7 @@ impl EffectSetting {
             Self::Fog(fog) => fog.and_then(|fog| fog.fault()),
             Self::Glow(glow) => glow.and_then(|glow| glow.fault()),
             Self::AmbientOcclusion(of) => of.and_then(|of| of.fault()),
+            Self::DepthOfField(of) => of.and_then(|of| of.fault()),
         }
     }
 
@@ -42,6 +45,7 @@ impl EffectSetting {
             Self::Fog(fog) => presentation.fog = fog,
             Self::Glow(glow) => presentation.glow = glow,
             Self::AmbientOcclusion(of) => presentation.ambient_occlusion = of,
+            Self::DepthOfField(of) => presentation.depth_of_field = of,
         }
     }
 
@@ -53,6 +57,7 @@ impl EffectSetting {
             Self::AmbientOcclusion(of) => {
                 LightEffects { ambient_occlusion: of.is_some(), ..before }
             }
+            Self::DepthOfField(of) => LightEffects { depth_of_field: of.is_some(), ..before },
         }
     }
 }

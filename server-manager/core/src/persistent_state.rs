@@ -179,6 +179,7 @@ impl Cluster {
             fog,
             glow,
             ambient_occlusion,
+            depth_of_field,
             // It ends with the alignment that set it.
             marker: _,
         } = memory.presentation;
@@ -198,6 +199,7 @@ impl Cluster {
         self.presentation.fog = fog.filter(|fog| fog.fault().is_none());
         self.presentation.glow = glow.filter(|glow| glow.fault().is_none());
         self.presentation.ambient_occlusion = ambient_occlusion.filter(|of| of.fault().is_none());
+        self.presentation.depth_of_field = depth_of_field.filter(|of| of.fault().is_none());
         let head = self.place_head(head.into()).map_err(|reason| format!("the head: {reason}"));
         let views = self.set_views(views.clone()).map_err(|reason| format!("views: {reason}"));
         let bounds = self.set_bounds(bounds).map_err(|reason| format!("the bounds: {reason}"));

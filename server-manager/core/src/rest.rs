@@ -102,6 +102,7 @@ fn is_use(request: &Request) -> bool {
         | Request::SetFog(_)
         | Request::SetGlow(_)
         | Request::SetAmbientOcclusion(_)
+        | Request::SetDepthOfField(_)
         | Request::SetAutomaticExposure => true,
         _ => false,
     }

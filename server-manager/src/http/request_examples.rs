@@ -18,7 +18,7 @@ use polyptych_protocol::request::{Pacing, Request};
 use polyptych_protocol::screen_rest::{LitHours, RestRules};
 use polyptych_protocol::transaction::Transaction;
 use polyptych_protocol::walk_query::{WalkQuery, Walker};
-use polyptych_scene::{AmbientOcclusion, Fog, Glow, NodeId, SceneSubset, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, DepthOfField, Fog, Glow, NodeId, SceneSubset, ToneMapper};
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Offset};
 use polyptych_wall::camera::Camera;
 use polyptych_wall::pick_ray::Ray;
@@ -71,6 +71,7 @@ fn of_wall() -> Vec<Request> {
         Request::SetFog(Some(Fog::even(800.0))),
         Request::SetGlow(Some(Glow::new(0.25))),
         Request::SetAmbientOcclusion(Some(AmbientOcclusion { radius: 0.5 })),
+        Request::SetDepthOfField(Some(DepthOfField { focus: 12.0, aperture: 0.25 })),
         Request::ReportDevices(vec![DeviceStatus::waiting("tracker", "no packet came")]),
         Request::SetBounds(QualityBounds { error_px: 0.5, rate_fps: Some(30.0) }),
         Request::SetEnvironment(EnvironmentSource::File { path: "studio.hdr".into() }),

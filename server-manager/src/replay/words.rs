@@ -89,6 +89,7 @@ pub(super) fn of_request(request: &Request) -> String {
         Request::SetFog(Some(fog)) => format!("{name} to a visibility of {}", fog.visibility),
         Request::SetGlow(Some(glow)) => format!("{name} to a strength of {}", glow.strength),
         Request::SetAmbientOcclusion(Some(of)) => format!("{name} to a radius of {}", of.radius),
+        Request::SetDepthOfField(Some(of)) => format!("{name} to a focus at {}", of.focus),
         Request::SetTone(tone) => format!("{name} to {}", tone.name()),
         Request::SetEnvironment(EnvironmentSource::Baked(of)) => {
             format!("{name} to {}", text(&of.name))
@@ -101,7 +102,8 @@ pub(super) fn of_request(request: &Request) -> String {
         | Request::SetEnvironment(EnvironmentSource::None)
         | Request::SetFog(None)
         | Request::SetGlow(None)
-        | Request::SetAmbientOcclusion(None) => format!("{name} to none"),
+        | Request::SetAmbientOcclusion(None)
+        | Request::SetDepthOfField(None) => format!("{name} to none"),
         Request::Edit(transaction) => {
             format!("{name}: {}", counted(transaction.edits.len(), "edit"))
         }

@@ -2,8 +2,8 @@
 
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
-    AmbientOcclusion, Camera, Fog, Glow, LitHours, OutputMode, Presentation, RestRules,
-    TestPattern, ToneMapper,
+    AmbientOcclusion, Camera, DepthOfField, Fog, Glow, LitHours, OutputMode, Presentation,
+    RestRules, TestPattern, ToneMapper,
 };
 use rustix::process::Signal;
 
@@ -172,8 +172,8 @@ fn set(browser: &mut Browser, id: &str, value: &str) {
     ));
 }
 
-/// Tone mapper, fog, glow and ambient occlusion are set by the number that is written, which
-/// changes nothing else of them, and taken away.
+/// Tone mapper, fog, glow, ambient occlusion and depth of field are set by the number that is
+/// written, which changes nothing else of them, and taken away.
 fn check_light(page: &Page, browser: &mut Browser) {
     set(browser, "tone", "Aces");
     await_shown(page, "a tone mapper", |shown| shown.tone == ToneMapper::Aces);
@@ -187,11 +187,17 @@ fn check_light(page: &Page, browser: &mut Browser) {
     set(browser, "occlusion", "0.5");
     let occlusion = Some(AmbientOcclusion { radius: 0.5 });
     await_shown(page, "ambient occlusion", |shown| shown.ambient_occlusion == occlusion);
-    for id in ["fog", "glow", "occlusion"] {
+    set(browser, "focus", "12");
+    let focus = Some(DepthOfField { focus: 12.0, aperture: 0.24 });
+    await_shown(page, "depth of field", |shown| shown.depth_of_field == focus);
+    for id in ["fog", "glow", "occlusion", "focus"] {
         set(browser, id, "");
     }
     await_shown(page, "none of them", |shown| {
-        shown.fog.is_none() && shown.glow.is_none() && shown.ambient_occlusion.is_none()
+        shown.fog.is_none()
+            && shown.glow.is_none()
+            && shown.ambient_occlusion.is_none()
+            && shown.depth_of_field.is_none()
     });
     browser.await_true("document.getElementById('fog').value === ''");
 }

@@ -252,6 +252,7 @@ fn check_presentation(page: &Page) {
     page.route("PUT", "/glow", &[], Some(json!({ "glow": null }))).value();
     let none = json!({ "ambient_occlusion": null });
     page.route("PUT", "/ambient_occlusion", &[], Some(none)).value();
+    page.route("PUT", "/depth_of_field", &[], Some(json!({ "depth_of_field": null }))).value();
     let bounds = json!({ "error_px": 0.5, "rate_fps": null });
     page.route("PUT", "/bounds", &[], Some(bounds)).value();
     page.ask("PUT", "/bounds", Some(&json!({ "error_px": 1e308, "rate_fps": null })))

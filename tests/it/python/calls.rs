@@ -135,6 +135,7 @@ fn of_displays(client: &Client, name: &str, given: &Arguments<'_>) -> Option<Ans
         "set_ambient_occlusion" => {
             answer(client.set_ambient_occlusion(given.of("ambient_occlusion")))
         }
+        "set_depth_of_field" => answer(client.set_depth_of_field(given.of("depth_of_field"))),
         "set_bounds" => answer(client.set_bounds(given.of("bounds"))),
         "calibrate" => answer(client.calibrate(given.of::<String>("channel"), given.of("changes"))),
         _ => return None,

@@ -6,7 +6,7 @@ use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::luminance::{FrameLuminance, LUMINANCE_COUNTS};
 use polyptych_protocol::request::Request;
 use polyptych_protocol::state_log::Operation;
-use polyptych_scene::{AmbientOcclusion, Fog, Glow, LightEffects, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, DepthOfField, Fog, Glow, LightEffects, ToneMapper};
 use polyptych_wall::ChannelId;
 
 use super::messages::EPOCH;
@@ -16,7 +16,8 @@ fn environment() -> Environment {
 }
 
 pub fn light_operations() -> [Operation; 2] {
-    let effects = LightEffects { fog: true, glow: false, ambient_occlusion: true };
+    let effects =
+        LightEffects { fog: true, glow: false, ambient_occlusion: true, depth_of_field: true };
     [Operation::SetEnvironment(Some(environment())), Operation::SetEffects(effects)]
 }
 
@@ -36,6 +37,8 @@ pub fn lights() -> impl Iterator<Item = Request> {
         Request::SetGlow(Some(Glow { strength: 0.125, width_degrees: 2.5 })),
         Request::SetAmbientOcclusion(None),
         Request::SetAmbientOcclusion(Some(AmbientOcclusion { radius: 0.75 })),
+        Request::SetDepthOfField(None),
+        Request::SetDepthOfField(Some(DepthOfField { focus: 7.5, aperture: 0.125 })),
     ])
 }
 

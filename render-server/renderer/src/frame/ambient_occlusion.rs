@@ -3,6 +3,8 @@
 //! It is known before anything is shaded. Depths of many views take turns in one texture; the maps,
 //! which have only what views show, are together in another.
 
+use std::ops::Range;
+
 use super::begun_frame::ShownView;
 use super::draw_context::FrameBindings;
 use super::frame_buffer::FrameBuffer;
@@ -89,10 +91,10 @@ impl OcclusionMaps {
         gpu: &Gpu,
         casters: &CasterPass,
         scene: &GpuScene,
-        (shown, pictures): (&[ShownView], &[Vec<GuardedRegion>]),
+        (shown, covered): (&[ShownView], &[Vec<GuardedRegion>]),
     ) -> Result<Option<DrawnOcclusion>, DrawError> {
         let side_max = gpu.device.limits().max_texture_dimension_2d;
-        let planned = shown.iter().zip(pictures).map(|((view, visible), pictures)| {
+        let planned = shown.iter().zip(covered).map(|((view, visible), pictures)| {
             let rectangle = around(visible.rectangle, pictures);
             view.ambient_occlusion.map(|_| GuardedRegion::of_occlusion(view, rectangle))
         });
@@ -144,8 +146,7 @@ impl DrawnOcclusion {
     /// The binding of the frame itself.
     pub fn binding(&self, shown: &[ShownView]) -> OcclusionBinding {
         let place = |((view, _), own): (&ShownView, &Option<_>)| {
-            let whole = ([0, 0], [0, 0]);
-            own.map_or_else(OcclusionPlace::default, |own| OcclusionPlace::new(view, &own, whole))
+            own.map_or_else(OcclusionPlace::default, |own| OcclusionPlace::new(view, &own, None))
         };
         let places = shown.iter().zip(&self.regions).map(place).collect();
         OcclusionBinding { map: self.map.clone(), places }
@@ -157,17 +158,29 @@ impl DrawnOcclusion {
         OcclusionBinding { map: self.map.clone(), places }
     }
 
-    /// The binding of pictures of these views; wide ones, of which a texel is some pixels, have no
-    /// ambient occlusion.
+    /// Returns that of some of the views.
+    pub fn of_views(&self, views: Range<usize>) -> Self {
+        Self { map: self.map.clone(), regions: self.regions[views].to_vec() }
+    }
+
+    /// Returns that of so many views that have none.
+    pub fn of_none(&self, views: usize) -> Self {
+        Self { map: self.map.clone(), regions: vec![None; views] }
+    }
+
+    /// The binding of pictures of these views; those that are not covered have no ambient
+    /// occlusion.
     pub fn binding_of(
         &self,
         shown: &[ShownView],
         pictures: &[Vec<GuardedRegion>],
+        is_covered: impl Fn(&GuardedRegion) -> bool,
     ) -> OcclusionBinding {
+        let is_covered = &is_covered;
         let of_views = shown.iter().zip(&self.regions).zip(pictures);
         let places = of_views.flat_map(|(((view, _), own), pictures)| {
             pictures.iter().map(move |of| match own {
-                Some(own) if of.scale == 0 => OcclusionPlace::new(view, own, (of.corner, of.place)),
+                Some(own) if is_covered(of) => OcclusionPlace::new(view, own, Some(of)),
                 _ => OcclusionPlace::default(),
             })
         });
@@ -175,10 +188,10 @@ impl DrawnOcclusion {
     }
 }
 
-/// The rectangle of the canvas around what a view shows and its pictures of whole pixels.
+/// The rectangle of the canvas around what a view shows and its pictures.
 fn around(rectangle: [u32; 4], pictures: &[GuardedRegion]) -> [i64; 4] {
-    let sharp = pictures.iter().filter(|of| of.scale == 0).map(GuardedRegion::rectangle);
-    sharp.fold(rectangle.map(i64::from), |a, b| {
+    let pictures = pictures.iter().map(GuardedRegion::rectangle);
+    pictures.fold(rectangle.map(i64::from), |a, b| {
         let corner = [0, 1].map(|at| a[at].min(b[at]));
         let side = [0, 1].map(|at| (a[at] + a[at + 2]).max(b[at] + b[at + 2]) - corner[at]);
         [corner[0], corner[1], side[0], side[1]]

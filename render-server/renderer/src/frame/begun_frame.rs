@@ -44,7 +44,7 @@ impl BegunFrame {
     /// Returns this frame as light before tone mapping, 0 where nothing is drawn.
     pub(crate) fn of_light(mut self) -> Self {
         for (view, _) in &mut self.shown {
-            (view.glow, view.ambient_occlusion) = (None, None);
+            (view.glow, view.ambient_occlusion, view.depth_of_field) = (None, None, None);
         }
         Self { sky: Vec3::ZERO, ..self }
     }

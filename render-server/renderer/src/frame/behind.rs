@@ -13,6 +13,7 @@ use crate::guarded_region::{BehindUniform, GuardedRegion, pack};
 use crate::pass::behind::{BehindPass, BehindTexture};
 use crate::pass::tonemap::light_color;
 use crate::pass::{opaque, transparent};
+use crate::picture_target::PictureTarget;
 use crate::pipeline::{PipelineKey, PipelineVariant};
 use crate::scene::GpuScene;
 use crate::target::Target;
@@ -65,6 +66,8 @@ pub(super) struct PicturesOf<'a> {
     /// By view.
     pub regions: &'a [Vec<GuardedRegion>],
     pub occlusion: Option<OcclusionBinding>,
+    /// What is behind glass in each of them; `None` where they show no glass.
+    pub behind: Option<BehindBinding>,
 }
 
 impl FrameResources {
@@ -91,10 +94,10 @@ impl FrameResources {
             reason: format!("what is behind its glass does not fit into {side_max} pixels"),
         })?;
         let texture = self.behind.texture(gpu, (sides, target.samples()));
-        let onto = (&texture, sides);
+        let onto = (&texture.target, sides);
         let is_opaque = |item| !scene.batch_of(item).blended;
-        let occlusion = with.occlusion.map(|drawn| drawn.binding_of(shown, &regions));
-        let of = PicturesOf { shown, regions: &regions, occlusion };
+        let occlusion = with.occlusion.map(|drawn| drawn.binding_of(shown, &regions, is_covered));
+        let of = PicturesOf { shown, regions: &regions, occlusion, behind: None };
         let encoder = self.draw_pictures(gpu, with, (scene, target), of, onto, is_opaque)?;
         let view = self.behind.finish(gpu, encoder, texture, sides, |_, _| ());
         let uniform = |(of, regions): (&ShownView, &Vec<_>)| BehindUniform::new(&of.0, regions);
@@ -102,8 +105,8 @@ impl FrameResources {
         Ok(Some(BehindBinding { view, uniforms }))
     }
 
-    /// Draws the pictures of all views into the finest level of a texture, with those items of
-    /// the scene that are to be in them. Returns the commands.
+    /// Draws the pictures of all views, with those items of the scene that are to be in them.
+    /// Returns the commands.
     ///
     /// # Errors
     /// More is shown than is held for one frame, or the GPU failed.
@@ -113,10 +116,10 @@ impl FrameResources {
         with: &DrawnWith<'_>,
         (scene, target): (&GpuScene, &Target),
         of: PicturesOf<'_>,
-        (texture, sides): (&BehindTexture, [u32; 2]),
+        (onto, sides): (&PictureTarget, [u32; 2]),
         is_drawn: impl Fn(u32) -> bool,
     ) -> Result<wgpu::CommandEncoder, DrawError> {
-        let PicturesOf { shown, regions, occlusion } = of;
+        let PicturesOf { shown, regions, occlusion, behind } = of;
         let (mut views, mut shadows) = (Vec::new(), Vec::new());
         for (index, (of, regions)) in shown.iter().zip(regions).enumerate() {
             views.extend(regions.iter().map(|region| region.view(&of.0)));
@@ -129,14 +132,14 @@ impl FrameResources {
         let bindings = FrameBindings {
             pipelines: with.pipelines.to_vec(),
             environment: scene.environment.as_deref(),
-            behind: None,
+            behind,
             occlusion,
         };
         let context = DrawContext { shadows, ..self.context(gpu, bindings, scene, views, &lists) };
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("behind") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
         let exposure = shown.first().map_or(1.0, |(view, _)| view.exposure);
-        let mut pass = texture.begin(&mut encoder, light_color(sky(scene, exposure)));
+        let mut pass = onto.begin(&mut encoder, light_color(sky(scene, exposure)));
         opaque::encode(&mut pass, &context);
         if let Some(background) = &background {
             background.encode(&mut pass, &context);
@@ -196,6 +199,12 @@ pub(super) fn planned(scene: &GpuScene, shown: &[ShownView]) -> Vec<Vec<GuardedR
         touched.map_or_else(Vec::new, |rectangle| GuardedRegion::of_view(view, rectangle))
     };
     shown.iter().map(of_view).collect()
+}
+
+/// Returns whether a picture of what is behind glass has ambient occlusion: wide ones, of which a
+/// texel is some pixels, have none.
+pub(super) fn is_covered(picture: &GuardedRegion) -> bool {
+    picture.scale == 0
 }
 
 /// Places all pictures, or only the wide ones if there is no room for the sharp ones: a frame that

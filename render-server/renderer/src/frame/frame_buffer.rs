@@ -51,6 +51,11 @@ impl FrameBuffer {
         self.buffer.insert(buffer)
     }
 
+    /// What was written last; `None` before anything was.
+    pub fn buffer(&self) -> Option<&wgpu::Buffer> {
+        self.buffer.as_ref()
+    }
+
     /// Bytes that it holds on the GPU.
     #[cfg(test)]
     pub fn size(&self) -> u64 {

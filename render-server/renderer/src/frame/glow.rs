@@ -119,10 +119,10 @@ impl FrameResources {
         };
         let regions: Vec<_> = group.regions.iter().map(|of| Vec::from_iter(*of)).collect();
         let occlusion = with.occlusion.map(|drawn| drawn.binding_of_none(shown.len()));
-        let of = PicturesOf { shown, regions: &regions, occlusion };
+        let of = PicturesOf { shown, regions: &regions, occlusion, behind: None };
         let shadows = with.shadows.get(group.views.clone()).unwrap_or_default();
         let with = DrawnWith { shadows, ..*with };
-        let onto = (&texture, sides);
+        let onto = (&texture.target, sides);
         let mut encoder = self.draw_pictures(gpu, &with, (scene, target), of, onto, is_drawn)?;
         let GlowPictures { pass, pictures, .. } = &mut self.glow;
         let pass = pass.get_or_insert_with(|| GlowPass::new(gpu));

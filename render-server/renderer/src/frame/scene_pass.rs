@@ -5,16 +5,26 @@ use crate::pass::background::BackgroundDraw;
 use crate::pass::{opaque, transparent};
 use crate::target::Target;
 
-/// Encodes the pass: what is opaque, the surroundings, and what is drawn over them. It begins with
-/// a colour, and with the depth that the target has if so given.
+/// How the pass begins and ends.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct SceneEnds {
+    /// What it begins with.
+    pub sky: wgpu::Color,
+    /// It begins with the depth that the target has.
+    pub has_depth: bool,
+    /// Its depth is read later.
+    pub keeps_depth: bool,
+}
+
+/// Encodes the pass: what is opaque, the surroundings, and what is drawn over them.
 pub(super) fn encode_scene(
     encoder: &mut wgpu::CommandEncoder,
     target: &Target,
-    (sky, has_depth): (wgpu::Color, bool),
+    ends: SceneEnds,
     context: &DrawContext<'_>,
     background: Option<&BackgroundDraw>,
 ) {
-    let mut pass = begin(encoder, target, sky, has_depth);
+    let mut pass = begin(encoder, target, ends);
     opaque::encode(&mut pass, context);
     if let Some(background) = background {
         background.encode(&mut pass, context);
@@ -22,17 +32,15 @@ pub(super) fn encode_scene(
     transparent::encode(&mut pass, context);
 }
 
-/// Begins the pass over the scene, with the depth that the target has or with none.
 fn begin<'a>(
     encoder: &'a mut wgpu::CommandEncoder,
     target: &Target,
-    sky: wgpu::Color,
-    has_depth: bool,
+    SceneEnds { sky, has_depth, keeps_depth }: SceneEnds,
 ) -> wgpu::RenderPass<'a> {
+    use wgpu::StoreOp::{Discard, Store};
     let (view, resolve_target) = target.scene();
     // What has been resolved need not be kept.
-    let store =
-        if resolve_target.is_some() { wgpu::StoreOp::Discard } else { wgpu::StoreOp::Store };
+    let store = if resolve_target.is_some() { Discard } else { Store };
     encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("scene/pass"),
         color_attachments: &[Some(wgpu::RenderPassColorAttachment {
@@ -45,7 +53,7 @@ fn begin<'a>(
             view: target.depth(),
             depth_ops: Some(wgpu::Operations {
                 load: if has_depth { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(0.0) },
-                store: wgpu::StoreOp::Discard,
+                store: if keeps_depth { Store } else { Discard },
             }),
             stencil_ops: None,
         }),

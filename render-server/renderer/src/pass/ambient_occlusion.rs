@@ -92,18 +92,16 @@ impl OcclusionUniform {
 }
 
 impl OcclusionPlace {
-    /// The place of a view's ambient occlusion, for a picture of whole pixels whose first pixel of
-    /// the target is at a texel of another texture.
-    pub fn new(
-        view: &ViewDesc,
-        own: &GuardedRegion,
-        (corner, place): ([i64; 2], [u32; 2]),
-    ) -> Self {
+    /// The place of a view's ambient occlusion, for a picture of it, or else for the target.
+    pub fn new(view: &ViewDesc, own: &GuardedRegion, picture: Option<&GuardedRegion>) -> Self {
+        let (corner, place, scale) =
+            picture.map_or_else(Default::default, |of| (of.corner, of.place, of.scale));
         let texels_per_pixel = 1.0 / f64::from(1u32 << own.scale);
         let offset = [0, 1].map(|at| {
-            let pixels = corner[at] - i64::from(place[at]) - own.corner[at];
+            let pixels = corner[at] - (i64::from(place[at]) << scale) - own.corner[at];
             (f64::from(own.place[at]) + pixels as f64 * texels_per_pixel) as f32
         });
+        let texels_per_pixel = texels_per_pixel * f64::from(1u32 << scale);
         let [relative, absolute] = tolerance(view, own);
         let texels_per_pixel = texels_per_pixel as f32;
         Self { offset, texels_per_pixel, relative, absolute, pad: [0.0; 3] }

@@ -3,7 +3,8 @@
 use crate::gpu::Gpu;
 use crate::guarded_region::LEVELS;
 use crate::pass::tonemap::{resume, screen_pipeline};
-use crate::target::{DEPTH_FORMAT, LINEAR_FORMAT};
+use crate::picture_target::{PictureTarget, picture_texture};
+use crate::target::LINEAR_FORMAT;
 use crate::{bindings, shader};
 
 /// The fragment stage.
@@ -16,13 +17,10 @@ const SIDE_STEP: u32 = 256;
 /// The texture of all pictures of a frame.
 #[derive(Debug)]
 pub(crate) struct BehindTexture {
-    size: [u32; 2],
-    samples: u32,
+    /// The finest level is drawn onto.
+    pub target: PictureTarget,
     levels: Vec<wgpu::TextureView>,
     pub all: wgpu::TextureView,
-    /// Only with several samples per texel.
-    multisampled: Option<wgpu::TextureView>,
-    depth: wgpu::TextureView,
     groups: Vec<wgpu::BindGroup>,
 }
 
@@ -58,33 +56,18 @@ impl BehindPass {
     ) -> BehindTexture {
         let side_max = gpu.device.limits().max_texture_dimension_2d;
         let mut size = sides.map(|side| side.next_multiple_of(SIDE_STEP).min(side_max));
-        if let Some(held) = held.filter(|held| held.samples == samples) {
-            if held.size.iter().zip(size).all(|(held, side)| *held >= side) {
+        if let Some(held) = held.filter(|held| held.target.samples() == samples) {
+            let sides = held.size();
+            if sides.iter().zip(size).all(|(held, side)| *held >= side) {
                 return held;
             }
-            size = [size[0].max(held.size[0]), size[1].max(held.size[1])];
+            size = [size[0].max(sides[0]), size[1].max(sides[1])];
         }
         self.made(gpu, size, samples)
     }
 
     fn made(&self, gpu: &Gpu, size: [u32; 2], samples: u32) -> BehindTexture {
-        let [width, height] = size;
-        let make = |label, format, (sample_count, mip_level_count), usage| {
-            gpu.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-                mip_level_count,
-                sample_count,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: usage | wgpu::TextureUsages::RENDER_ATTACHMENT,
-                view_formats: &[],
-            })
-        };
-        let whole = wgpu::TextureViewDescriptor::default();
-        let none = wgpu::TextureUsages::empty();
-        let read = wgpu::TextureUsages::TEXTURE_BINDING;
-        let color = make("behind/color", LINEAR_FORMAT, (1, LEVELS + 1), read);
+        let color = picture_texture(gpu, "behind/color", LINEAR_FORMAT, (size, LEVELS + 1));
         let level = |base_mip_level| {
             color.create_view(&wgpu::TextureViewDescriptor {
                 base_mip_level,
@@ -104,15 +87,11 @@ impl BehindPass {
                 ],
             })
         };
-        let many = || make("behind/multisampled", LINEAR_FORMAT, (samples, 1), none);
         BehindTexture {
-            size,
-            samples,
+            target: PictureTarget::new(gpu, levels[0].clone(), samples, false),
             groups: levels.iter().map(group).collect(),
             levels,
-            all: color.create_view(&whole),
-            multisampled: (samples > 1).then(|| many().create_view(&whole)),
-            depth: make("behind/depth", DEPTH_FORMAT, (samples, 1), none).create_view(&whole),
+            all: color.create_view(&wgpu::TextureViewDescriptor::default()),
         }
     }
 
@@ -137,7 +116,7 @@ impl BehindPass {
 impl BehindTexture {
     /// Width and height of the finest level, in texels.
     pub fn size(&self) -> [u32; 2] {
-        self.size
+        self.target.size()
     }
 
     /// One level, to be drawn to.
@@ -148,36 +127,5 @@ impl BehindTexture {
     /// The bindings of one level, which is read.
     pub fn group(&self, level: u32) -> &wgpu::BindGroup {
         &self.groups[level as usize]
-    }
-
-    /// Begins the pass over what is opaque.
-    pub fn begin<'a>(
-        &self,
-        encoder: &'a mut wgpu::CommandEncoder,
-        sky: wgpu::Color,
-    ) -> wgpu::RenderPass<'a> {
-        let single = &self.levels[0];
-        let (view, resolve_target, store) = match &self.multisampled {
-            Some(many) => (many, Some(single), wgpu::StoreOp::Discard),
-            None => (single, None, wgpu::StoreOp::Store),
-        };
-        encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("behind/pass"),
-            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view,
-                depth_slice: None,
-                resolve_target,
-                ops: wgpu::Operations { load: wgpu::LoadOp::Clear(sky), store },
-            })],
-            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                view: &self.depth,
-                depth_ops: Some(wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(0.0),
-                    store: wgpu::StoreOp::Discard,
-                }),
-                stencil_ops: None,
-            }),
-            ..Default::default()
-        })
     }
 }

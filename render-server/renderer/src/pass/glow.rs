@@ -125,7 +125,7 @@ impl GlowPass {
         (picture, uniforms): (&wgpu::TextureView, &wgpu::Buffer),
         views: &[([u32; 4], u32)],
     ) {
-        let Some(linear) = target.linear() else { return };
+        let Some(linear) = target.light() else { return };
         let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
         let size = wgpu::BufferSize::new(size_of::<GlowUniform>() as u64);
         let uniform = wgpu::BufferBinding { buffer: uniforms, offset: 0, size };

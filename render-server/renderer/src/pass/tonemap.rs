@@ -97,7 +97,7 @@ impl Tonemap {
         (sky, tone): (wgpu::Color, ToneMapper),
         rectangle: Option<[u32; 4]>,
     ) {
-        let Some(linear) = target.linear() else { return };
+        let Some(linear) = target.light() else { return };
         let mut pass = clear(encoder, "tonemap/pass", target.display_view(), sky);
         let Some([x, y, width, height]) = rectangle else { return };
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -175,10 +175,22 @@ fn begin<'encoder>(
 /// has the second name; the first one is for labels.
 pub(crate) fn screen_pipeline(
     gpu: &Gpu,
-    [name, fragment]: [&str; 2],
+    names: [&str; 2],
     text: &str,
     group_layout: &wgpu::BindGroupLayout,
     onto: impl Into<wgpu::ColorTargetState>,
+    constants: &[(&str, f64)],
+) -> wgpu::RenderPipeline {
+    screen_pipeline_onto(gpu, names, text, group_layout, &[Some(onto.into())], constants)
+}
+
+/// A pipeline as [`screen_pipeline`] makes it, onto several targets.
+pub(crate) fn screen_pipeline_onto(
+    gpu: &Gpu,
+    [name, fragment]: [&str; 2],
+    text: &str,
+    group_layout: &wgpu::BindGroupLayout,
+    targets: &[Option<wgpu::ColorTargetState>],
     constants: &[(&str, f64)],
 ) -> wgpu::RenderPipeline {
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -209,7 +221,7 @@ pub(crate) fn screen_pipeline(
                 constants,
                 ..Default::default()
             },
-            targets: &[Some(onto.into())],
+            targets,
         }),
         multiview_mask: None,
         cache: None,

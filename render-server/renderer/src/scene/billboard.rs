@@ -131,6 +131,7 @@ mod tests {
             fog: None,
             glow: None,
             ambient_occlusion: None,
+            depth_of_field: None,
             tone: polyptych_scene::ToneMapper::default(),
             subset: SceneSubset::default(),
             allowed_error: AllowedError::NONE,

@@ -9,10 +9,9 @@ use polyptych_scene::{
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, gpu, look, matt, pixel,
 };
-use crate::output_texture::ImageEncoding;
+use super::pixel_light::lights;
 use crate::readback::read_pixels;
 use crate::target::Target;
-use crate::tone::f16_from_bits;
 use crate::{GpuScene, Renderer, ViewDesc};
 
 const CANVAS: [u32; 2] = [900, 600];
@@ -113,19 +112,6 @@ fn view(occlusion: Option<f32>) -> ViewDesc {
     ViewDesc { ambient_occlusion, tone: ToneMapper::None, ..seen }
 }
 
-/// The green light of each pixel as displays have it.
-fn light(scene: &GpuScene, view: &ViewDesc) -> Vec<f64> {
-    let content = ImageEncoding::Light;
-    let mut renderer = Renderer::new(gpu(), 1).unwrap();
-    renderer.prepare_for(gpu(), scene, content);
-    let [width, height] = [view.viewport[2] as u32, view.viewport[3] as u32];
-    let mut target = Target::with_encoding(gpu(), [width, height], 1, false, content).unwrap();
-    renderer.draw(gpu(), scene, &mut target, std::slice::from_ref(view)).unwrap();
-    let bytes = read_pixels(gpu(), &target).unwrap();
-    let green = |pixel: &[u8; 8]| f16_from_bits(u16::from_le_bytes([pixel[2], pixel[3]]));
-    bytes.as_chunks::<8>().0.iter().map(green).collect()
-}
-
 /// The ray of a pixel of a view.
 fn ray(view: &ViewDesc, [x, y]: [u32; 2]) -> DVec3 {
     let [_, _, width, height] = view.viewport;
@@ -139,7 +125,7 @@ fn ray(view: &ViewDesc, [x, y]: [u32; 2]) -> DVec3 {
 /// The part of the light from all around that gets to each pixel.
 fn visible_parts(scene: &GpuScene, seen: &ViewDesc) -> Vec<f64> {
     let plain = ViewDesc { ambient_occlusion: None, ..seen.clone() };
-    let (plain, dark) = (light(scene, &plain), light(scene, seen));
+    let (plain, dark) = (lights(scene, 1, &plain), lights(scene, 1, seen));
     plain
         .iter()
         .zip(&dark)

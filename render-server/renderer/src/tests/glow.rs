@@ -6,10 +6,9 @@ use polyptych_scene::{AlphaMode, Glow, Material, ToneMapper};
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, gpu, look, matt, pixel,
 };
-use crate::output_texture::ImageEncoding;
+use super::pixel_light::lights;
 use crate::readback::read_pixels;
 use crate::target::Target;
-use crate::tone::f16_from_bits;
 use crate::{GpuScene, Renderer, ViewDesc};
 
 /// 60° are 600 pixels: two pixels a texel of the picture that spreads.
@@ -36,26 +35,13 @@ fn view(glow: Option<Glow>) -> ViewDesc {
     ViewDesc { glow, tone: ToneMapper::None, ..look(DVec3::Z * 10.0, DVec3::ZERO, CANVAS) }
 }
 
-/// The green light of each pixel as displays have it.
-fn light(scene: &GpuScene, view: &ViewDesc) -> Vec<f64> {
-    let content = ImageEncoding::Light;
-    let mut renderer = Renderer::new(gpu(), 1).unwrap();
-    renderer.prepare_for(gpu(), scene, content);
-    let is_linear = scene.needs_light(view.glow);
-    let mut target = Target::with_encoding(gpu(), CANVAS, 1, is_linear, content).unwrap();
-    renderer.draw(gpu(), scene, &mut target, std::slice::from_ref(view)).unwrap();
-    let bytes = read_pixels(gpu(), &target).unwrap();
-    let green = |pixel: &[u8; 8]| f16_from_bits(u16::from_le_bytes([pixel[2], pixel[3]]));
-    bytes.as_chunks::<8>().0.iter().map(green).collect()
-}
-
 #[test]
 fn no_light_is_lost_and_each_octave_of_angle_has_as_much() {
     let scene = cards(&[([0.0, 0.0], 0.03, glowing(1.0))]);
-    let plain: f64 = light(&scene, &view(None)).iter().sum();
+    let plain: f64 = lights(&scene, 1, &view(None)).iter().sum();
     // 4° are about 36 pixels: all of it is within 300 pixels of the middle.
     let glow = Glow { strength: 1.0, width_degrees: 4.0 };
-    let spread = light(&scene, &view(Some(glow)));
+    let spread = lights(&scene, 1, &view(Some(glow)));
     let sum: f64 = spread.iter().sum();
     println!("{plain} of light is {sum} after it spread");
     assert!((sum / plain - 1.0).abs() < 0.01, "{plain} became {sum}");
@@ -73,7 +59,7 @@ fn no_light_is_lost_and_each_octave_of_angle_has_as_much() {
     let octaves: Vec<f64> = found[..4].windows(2).map(|pair| pair[1] - pair[0]).collect();
     assert!(octaves.iter().all(|share| (0.12..0.3).contains(share)), "{octaves:?}");
     assert!((0.8..0.95).contains(&found[3]) && found[5] > 0.99, "{found:?}");
-    let half: f64 = light(&scene, &view(Some(Glow { strength: 0.5, ..glow }))).iter().sum();
+    let half: f64 = lights(&scene, 1, &view(Some(Glow { strength: 0.5, ..glow }))).iter().sum();
     assert!((half / plain - 1.0).abs() < 0.01, "{plain} became {half}");
 }
 

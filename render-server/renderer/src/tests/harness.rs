@@ -340,6 +340,7 @@ pub fn look(eye: DVec3, at: DVec3, canvas: [u32; 2]) -> ViewDesc {
         fog: None,
         glow: None,
         ambient_occlusion: None,
+        depth_of_field: None,
         subset: SceneSubset::default(),
         allowed_error: AllowedError::NONE,
         has_shadows: true,
@@ -355,8 +356,8 @@ pub fn draw_sampled(
 ) -> (Vec<[u8; 4]>, DrawStats) {
     let mut renderer = Renderer::new(gpu(), samples).unwrap();
     renderer.prepare(gpu(), scene);
-    let glow = views.iter().find_map(|view| view.glow);
-    let mut target = Target::new(gpu(), size, samples, scene.needs_light(glow)).unwrap();
+    let is_linear = views.iter().any(|view| scene.needs_light(view.effects()));
+    let mut target = Target::new(gpu(), size, samples, is_linear).unwrap();
     let stats = renderer.draw(gpu(), scene, &mut target, views).unwrap();
     let pixels = read_pixels(gpu(), &target).unwrap();
     (pixels.as_chunks::<4>().0.to_vec(), stats)

@@ -6,13 +6,16 @@ use polyptych_scene::VertexLayout;
 use wgpu::naga;
 
 use crate::environment::EnvironmentUniform;
-use crate::guarded_region::{BehindUniform, RegionRecord};
+use crate::guarded_region::{BehindUniform, LEVELS, RegionRecord};
 use crate::lamp_map::LampShadowRecord;
 use crate::pass::ambient_occlusion::{OcclusionPlace, OcclusionUniform};
 use crate::pass::background::{self, BackgroundUniform};
 use crate::pass::correct::{CellRecord, CorrectionUniform, EyeRecord, PlaneRecord};
+use crate::pass::depth_of_field::LensUniform;
 use crate::pass::glow::GlowUniform;
-use crate::pass::{ambient_occlusion, behind, glow, occluder, opaque, shadow, transparent};
+use crate::pass::{
+    ambient_occlusion, behind, depth_of_field, glow, occluder, opaque, shadow, transparent,
+};
 use crate::scene::{ExtensionUniform, MaterialUniform};
 use crate::shader::{ExtensionSet, Interface, depth, screen, surface, surroundings};
 use crate::shadow_uniform::{CascadeRecord, ShadowUniform, SunShadowRecord};
@@ -124,6 +127,9 @@ fn every_shader_validates() {
         let text = depth(occluder::SOURCE, is_multisampled);
         module("occluder", &text);
         assert!(text.contains(&format!("CELL_SIDE: u32 = {}u;", occluder::CELL_SIDE)));
+        let text = depth(depth_of_field::SOURCE, is_multisampled);
+        module("depth_of_field", &text);
+        assert!(text.contains(&format!("const LEVELS: u32 = {LEVELS}u;")));
     }
 }
 
@@ -165,7 +171,8 @@ fn uniforms_match_their_twins() {
     let glow = module("glow", &screen(glow::SOURCE));
     let occlusion = module("ambient_occlusion", &screen(ambient_occlusion::SOURCE));
     let correct = module("correct", include_str!("../pass/correct.wgsl"));
-    let modules = [opaque, glow, correct, behind, occlusion];
+    let lens = module("depth_of_field", &depth(depth_of_field::SOURCE, true));
+    let modules = [opaque, glow, correct, behind, occlusion, lens];
     macro_rules! twin {
         ($wgsl:literal, $rust:ty, $($field:ident),+) => {{
             let offsets = [$((stringify!($field), offset_of!($rust, $field))),+];
@@ -186,6 +193,9 @@ fn uniforms_match_their_twins() {
     twin! { "Occlusion", OcclusionUniform, eye_from_texel, eye, depths, to_depth, radius, share,
     texels, relative, absolute }
     twin!("Glow", GlowUniform, corner, place, size, texels_per_pixel, strength);
+    twin! { "Lens", LensUniform, eye_from_texel, eye_from_pixel, texel_from_eye, part,
+    to_picture, offset, texels_per_pixel, focus_inverse, aperture_half, texels_per_radian,
+    radius_max, texels_max }
     twin!("Sun", DirectionalLightRecord, toward, irradiance);
     twin!(
         "Lamp",

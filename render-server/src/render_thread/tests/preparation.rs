@@ -45,7 +45,7 @@ fn with_effects(state: &LoadedState, effects: LightEffects) -> Arc<LoadedState> 
 fn frames_go_on_while_pipelines_are_made_and_warmed_up() {
     let (mut stage, state) = shown();
     let plain = stage.show(0.5, OutputMode::Normal);
-    let all = LightEffects { fog: true, glow: true, ambient_occlusion: true };
+    let all = LightEffects { fog: true, glow: true, ambient_occlusion: true, depth_of_field: true };
     let next = with_effects(&state, all);
     let (answer, answered) = sync_channel(1);
     stage.thread.upload(Upload::Finish { state: Arc::clone(&next), answer });

@@ -4,7 +4,7 @@ use polyptych_scene::{AmbientOcclusion, Fog, Glow, LightEffects};
 
 use super::*;
 
-const FOG: LightEffects = LightEffects { fog: true, glow: false, ambient_occlusion: false };
+const FOG: LightEffects = LightEffects { fog: true, ..LightEffects::NONE };
 
 /// Returns whether a request was answered as done.
 fn is_done(stage: &ClusterFixture, id: RequestId) -> bool {
@@ -38,7 +38,7 @@ fn frames_have_an_effect_once_all_servers_are_ready_for_it() {
     assert!(!is_done(&stage, none), "frames without it need other pipelines");
     stage.prepare_all();
     assert!(is_done(&stage, none));
-    assert_eq!(stage.cluster.shown.effects, LightEffects::default());
+    assert_eq!(stage.cluster.shown.effects, LightEffects::NONE);
 }
 
 #[test]
@@ -54,7 +54,8 @@ fn effects_are_in_the_state_that_is_kept() {
     }
     let memory = stage.memories.last().expect("remembered").clone();
     let restored = Cluster::restore(wall(2), Epoch(9), &memory);
-    let effects = LightEffects { fog: false, glow: true, ambient_occlusion: true };
+    let effects =
+        LightEffects { fog: false, glow: true, ambient_occlusion: true, ..LightEffects::NONE };
     assert_eq!((restored.shown.effects, restored.presentation.effects()), (effects, effects));
     assert_eq!(restored.shown.digest(), restored.shown_digest);
 }
@@ -71,5 +72,5 @@ fn an_effect_that_no_server_can_draw_is_refused_and_frames_stay_as_they_are() {
     let refusal = reply.expect("an answer").expect_err("refused");
     assert!(refusal.reason.contains("out of memory"), "{refusal:?}");
     assert_eq!(stage.cluster.presentation.glow, None);
-    assert_eq!(stage.cluster.shown.effects, LightEffects::default());
+    assert_eq!(stage.cluster.shown.effects, LightEffects::NONE);
 }

@@ -2,7 +2,7 @@
 
 use polyptych_protocol::output_mode::OutputMode;
 use polyptych_protocol::pattern::TestPattern;
-use polyptych_scene::{AmbientOcclusion, Fog, Glow};
+use polyptych_scene::{AmbientOcclusion, DepthOfField, Fog, Glow};
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::tour::{Tour, TourStop};
 use polyptych_wall::view::View;
@@ -28,6 +28,7 @@ fn dressed() -> ClusterFixture {
         Request::SetFog(Some(Fog::even(90.0))),
         Request::SetGlow(Some(Glow::new(0.5))),
         Request::SetAmbientOcclusion(Some(AmbientOcclusion { radius: 0.5 })),
+        Request::SetDepthOfField(Some(DepthOfField::new(12.0))),
         Request::SetBounds(QualityBounds { error_px: 0.5, rate_fps: None }),
         Request::SetPattern(Some(TestPattern::Grid)),
         Request::SetDisplays(OutputMode::Identify),

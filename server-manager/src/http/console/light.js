@@ -1,4 +1,5 @@
-// How scenes are lit: exposure, tone mapper, fog, glow and ambient occlusion.
+// How scenes are lit: exposure, tone mapper, fog, glow, ambient occlusion and
+// depth of field.
 
 import { actAndDraw, log } from "./requests.js";
 import { byId, isFree, on, state } from "./state.js";
@@ -9,6 +10,7 @@ const NUMBERS = {
     ({ height: 0, half_height: null, color: [1, 1, 1], ...shown, visibility })],
   glow: ["glow", (strength, shown) => ({ width_degrees: 4, ...shown, strength })],
   occlusion: ["ambient_occlusion", (radius) => ({ radius })],
+  focus: ["depth_of_field", (focus, shown) => ({ aperture: focus / 50, ...shown, focus })],
 };
 
 /** Shows how scenes are lit. */
@@ -22,6 +24,7 @@ export function showLight() {
   show("fog", shown.fog?.visibility ?? "");
   show("glow", shown.glow?.strength ?? "");
   show("occlusion", shown.ambient_occlusion?.radius ?? "");
+  show("focus", shown.depth_of_field?.focus ?? "");
 }
 
 function setNumber(id) {

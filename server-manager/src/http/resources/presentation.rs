@@ -7,7 +7,7 @@ use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::Request;
 use polyptych_protocol::screen_rest::{LitHours, RestRules};
-use polyptych_scene::{AmbientOcclusion, Fog, Glow, ToneMapper};
+use polyptych_scene::{AmbientOcclusion, DepthOfField, Fog, Glow, ToneMapper};
 use polyptych_wall::calibration_change::Corner;
 use serde::Deserialize;
 use serde_json::json;
@@ -141,6 +141,17 @@ pub(in crate::http) const ROUTES: &[Route] = &[
     },
     Route {
         method: "PUT",
+        path: "/depth_of_field",
+        summary: "Blurs what is nearer or farther than a distance, or ends it without one.",
+        query: &[],
+        body: Some(|| json!({ "depth_of_field": DepthOfField { focus: 12.0, aperture: 0.25 } })),
+        action: Action::Ask(|call| {
+            let FocusBody { depth_of_field } = call.parse()?;
+            Ok(Request::SetDepthOfField(depth_of_field))
+        }),
+    },
+    Route {
+        method: "PUT",
         path: "/bounds",
         summary: "Bounds the error of pictures in pixels and their rate in frames per second.",
         query: &[],
@@ -198,6 +209,12 @@ struct GlowBody {
 #[serde(deny_unknown_fields)]
 struct OcclusionBody {
     ambient_occlusion: Option<AmbientOcclusion>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FocusBody {
+    depth_of_field: Option<DepthOfField>,
 }
 
 fn exposure(call: &Call) -> Result<Request, Refusal> {
