@@ -120,10 +120,10 @@ pub use polyptych_protocol::walk_query::{
 };
 pub use polyptych_scene::{
     AlphaMode, AmbientOcclusion, Anisotropy, Attribute, Bounds, CAMERA_KEY, Clearcoat,
-    DepthOfField, DiffuseTransmission, Edit, Facing, Fill, Fog, Glow, Highlight, Iridescence,
-    Light, LightKind, Material, MaterialExtensions, NewNode, NodeId, NodeStyle, SceneFeatures,
-    SceneSubset, Shading, Sheen, Specular, TextureRef, ToneMapper, Topology, Transmission, Volume,
-    provisional_asset,
+    DepthOfField, DiffuseTransmission, Edit, Facing, Fill, Fog, FramePass, Glow, Highlight,
+    Iridescence, Light, LightKind, Material, MaterialExtensions, NewNode, NodeId, NodeStyle,
+    SceneFeatures, SceneSubset, Shading, Sheen, Specular, TextureRef, ToneMapper, Topology,
+    Transmission, Volume, provisional_asset,
 };
 pub use polyptych_wall::calibration_change;
 pub use polyptych_wall::camera::Camera;

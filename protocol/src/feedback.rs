@@ -1,8 +1,9 @@
 //! Feedback to clients about frames and channels.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
-use polyptych_scene::{NodeId, provisional_asset_index};
+use polyptych_scene::{FramePass, NodeId, provisional_asset_index};
 use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
 
@@ -365,6 +366,9 @@ pub struct ChannelStatistics {
     /// The most primitives in their places that it left out of a frame because others hide them. It
     /// does so where that makes frames faster, which it tries now and then.
     pub draws_occluded: u64,
+    /// The mean microseconds that its server's GPU takes for each pass of a frame, by the frames
+    /// that were measured: one in eight. Empty where none was, or the adapter has no timestamps.
+    pub passes_us: BTreeMap<FramePass, u64>,
     /// The name of its server's graphics adapter.
     #[serde(deserialize_with = "text_of_peer")]
     pub adapter: Option<String>,

@@ -1,5 +1,6 @@
 //! Reports of a render server on its control connection.
 
+use polyptych_scene::PassTimes;
 use polyptych_text::text_of_peer;
 use polyptych_wall::ChannelId;
 use serde::{Deserialize, Serialize};
@@ -116,6 +117,8 @@ pub struct FrameRendered {
     pub error_fraction: f32,
     /// Primitives in their places that were left out because others hide them.
     pub draws_occluded: u32,
+    /// How long the GPU took for each pass; most frames do not tell.
+    pub passes: PassTimes,
 }
 
 /// A channel has shown a frame.

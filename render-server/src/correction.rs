@@ -18,6 +18,7 @@ use polyptych_renderer::{
     self, BegunFrame, BlendMapDesc, Correction, CorrectionDesc, DrawStats, Enlargement, Gpu,
     GpuScene, ImageEncoding, Renderer, Submission, SubmittedFrame, Target, ViewDesc,
 };
+use polyptych_scene::FramePass;
 use polyptych_wall::blend::{self, BlendModel, ChannelMasks, LightInputs};
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::head::HeadPose;
@@ -255,7 +256,9 @@ impl SubmittedCorrection {
             let drawn = renderer.finish(gpu, output.target()?, drawn);
             stats = stats.and(drawn.map_err(|error| error.to_string())?);
             let corrected = renderer.finish_submission(gpu, &corrected);
-            stats.gpu_us += corrected.map_err(|error| error.to_string())?.as_micros() as u64;
+            let corrected = corrected.map_err(|error| error.to_string())?.as_micros() as u64;
+            stats.gpu_us += corrected;
+            stats.passes.add_if_measured(FramePass::Correction, corrected);
         }
         Ok(stats)
     }

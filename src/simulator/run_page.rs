@@ -1,6 +1,9 @@
 //! `report.html`: the run of a simulated wall as one page.
 
+use std::collections::BTreeSet;
+
 use image::RgbaImage;
+use polyptych_client::{ChannelStatistics, FramePass};
 use polyptych_text::counted;
 use polyptych_wall::Wall;
 use polyptych_wall_file::check_report::CheckReport;
@@ -240,4 +243,28 @@ fn add_channels(body: &mut String, report: &RunReport) {
         let more = channels.len() - CHANNELS_MAX;
         add(body, format_args!("<p class=\"note\">{more} more are in report.json.</p>\n"));
     }
+    add_passes(body, channels);
+}
+
+/// Adds how long the passes of frames took, if that was measured: a row for each channel.
+fn add_passes(body: &mut String, channels: &[ChannelStatistics]) {
+    let passes: BTreeSet<FramePass> =
+        channels.iter().flat_map(|channel| channel.passes_us.keys().copied()).collect();
+    if passes.is_empty() {
+        return;
+    }
+    let names = passes.iter().map(|pass| pass.name());
+    let headings: Vec<&str> = std::iter::once("Channel").chain(names).collect();
+    let title = "Passes of a frame: mean time on the GPU in milliseconds, of one frame in eight";
+    begin_table(body, title, &headings);
+    for channel in channels.iter().take(CHANNELS_MAX) {
+        let time = |pass| match channel.passes_us.get(pass) {
+            Some(us) => format!("{:.2}", *us as f64 / 1000.0),
+            None => "–".to_owned(),
+        };
+        let cells: Vec<String> =
+            std::iter::once(channel.name.clone()).chain(passes.iter().map(time)).collect();
+        add_row(body, &cells);
+    }
+    end_table(body);
 }

@@ -13,7 +13,7 @@ use polyptych_protocol::ids::{Digest, FrameId, RequestId, Revision};
 use polyptych_protocol::request::{Request, SceneSummary};
 use polyptych_protocol::server_message::{FrameRendered, Prepared, ServerMessage};
 use polyptych_protocol::state_log::{Operation, Replica, SceneRef};
-use polyptych_scene::{Scene, SceneFeatures, Texture};
+use polyptych_scene::{PassTimes, Scene, SceneFeatures, Texture};
 use polyptych_wall::{ChannelId, Wall};
 
 use crate::message::Message;
@@ -264,6 +264,7 @@ fn drawn(frame: &Frame, channel: ChannelId, digest: Digest) -> FrameRendered {
         draw_calls: 6,
         error_fraction: 0.0,
         draws_occluded: 40,
+        passes: PassTimes::default(),
     }
 }
 

@@ -12,5 +12,6 @@ pub mod maps;
 pub mod messages;
 #[path = "seeds/scenes.rs"]
 pub mod scenes;
+mod statistics;
 #[path = "seeds/walls.rs"]
 pub mod walls;

@@ -71,6 +71,7 @@ fn drawn() -> FrameRendered {
         draw_calls: 6,
         error_fraction: 0.0,
         draws_occluded: 40,
+        passes: polyptych_scene::PassTimes::default(),
     }
 }
 
@@ -202,7 +203,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         (encode(&ServerMessage::Prepared(prepared)), "000102030105626c656e64fbe80300"),
         (
             encode(&ServerMessage::Drawn(drawn())),
-            "0201fb2c010302fdfffffffffffffffffb204efca0860100060000000028",
+            "0201fb2c010302fdfffffffffffffffffb204efca0860100060000000028000000000000000000",
         ),
         (encode(&ServerMessage::Shown(shown)), "0401fb2c0103fc701101002801"),
         (encode(&ServerMessage::Ping(Ping { sent_us: 1, memory_bytes: 2 })), "050102"),

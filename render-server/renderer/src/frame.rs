@@ -17,6 +17,7 @@ mod hidden_items;
 mod lamp_shadows;
 mod map_set;
 mod map_sets;
+mod pass_timer;
 mod scene_pass;
 mod shadow_map;
 mod shadows;
@@ -27,7 +28,7 @@ mod surroundings;
 use std::time::{Duration, Instant};
 
 use glam::{DMat3, DMat4, DVec3, Vec3};
-use polyptych_scene::{SceneSubset, ToneMapper};
+use polyptych_scene::{FramePass, SceneSubset, ToneMapper};
 
 use super::draw_list::{DrawList, Scratch, VisibleItems, samples_of};
 use super::gpu::Gpu;
@@ -54,6 +55,7 @@ use frame_buffer::{FrameBuffer, is_too_large};
 use glow::GlowPictures;
 pub(crate) use hidden_items::OcclusionMemory;
 use hidden_items::encode_behind;
+use pass_timer::{FrameTimer, PassTimer};
 use scene_pass::{SceneEnds, encode_scene};
 use shadows::FrameShadows;
 pub(crate) use shadows::Shadows;
@@ -82,6 +84,9 @@ pub(crate) struct FrameResources {
     tonemap: Tonemap,
     scratch: Scratch,
     records: Vec<InstanceRecord>,
+    times: PassTimer,
+    /// Of the frame that is begun or submitted.
+    timer: FrameTimer,
     /// The end of the frame that was finished last.
     done: Option<Instant>,
 }
@@ -105,6 +110,8 @@ impl FrameResources {
             tonemap: Tonemap::new(gpu),
             scratch: Scratch::default(),
             records: Vec::new(),
+            times: PassTimer::default(),
+            timer: FrameTimer::default(),
             done: None,
         }
     }
@@ -159,6 +166,7 @@ impl FrameResources {
             shown.push((view, visible));
         }
         let cull = start.elapsed();
+        self.timer = self.times.begin(gpu);
         let items = shown.iter().map(|(_, visible)| visible.items.len()).sum();
         let occluders = occluders.filter(|(_, when)| target.occlusion.is_used(*when, items));
         let depths = match occluders {
@@ -167,7 +175,8 @@ impl FrameResources {
         };
         let is_culling = occluders.is_some();
         let search = start.elapsed().saturating_sub(cull);
-        Ok(BegunFrame { shown, sky, tone, fog, items, is_culling, depths, cull, search })
+        let timer = self.timer.clone();
+        Ok(BegunFrame { shown, sky, tone, fog, items, is_culling, depths, timer, cull, search })
     }
 
     /// Encodes a frame and submits it.
@@ -186,6 +195,8 @@ impl FrameResources {
         let variant = begun.variant(scene, target);
         let BegunFrame { mut shown, sky, tone, items, is_culling, depths, cull, search, .. } =
             begun;
+        self.timer.clone_from(&begun.timer);
+        let timer = begun.timer;
         let hidden = depths.map(|of| of.leave_out_hidden(gpu, scene, target, &mut shown));
         let hidden = hidden.transpose()?;
         let searched = start.elapsed();
@@ -224,6 +235,7 @@ impl FrameResources {
         let mut encoder = gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
+        timer.begin(&mut encoder);
         if let (Some(hidden), Some(occluders)) = (hidden, occluders) {
             encode_behind(&mut encoder, occluders, target, hidden);
         }
@@ -231,6 +243,7 @@ impl FrameResources {
         let has_depth = hidden.is_some();
         let ends = SceneEnds { sky: clear_scene, has_depth, keeps_depth: is_blurred };
         encode_scene(&mut encoder, target, ends, &context, background.as_ref());
+        timer.end(&mut encoder, FramePass::Scene);
         if is_blurred {
             self.encode_discs(gpu, &mut encoder, (target, clear_scene), &shown);
         } else {
@@ -243,12 +256,15 @@ impl FrameResources {
         let touched = touched.reduce(around);
         if let Some(first) = &glow.first {
             self.encode_glow(gpu, &mut encoder, (target, Some(clear_display), tone), first);
-        } else {
+        } else if target.is_linear() {
+            timer.begin(&mut encoder);
             self.tonemap.encode(gpu, &mut encoder, target, (clear_display, tone), touched);
+            timer.end(&mut encoder, FramePass::ToneMapping);
         }
         let submission = Submission::new(gpu, encoder);
         let glow = self.finish_glow(gpu, &with, (scene, target), &shown, (tone, &glow))?;
         let submission = glow.unwrap_or(submission);
+        let submission = timer.submit(gpu).unwrap_or(submission);
         let encoded = start.elapsed();
         self.shrink();
         let occluded = hidden.map_or(0, |hidden| hidden.count);
@@ -260,7 +276,7 @@ impl FrameResources {
             ..counts(scene, &lists, occluded)
         };
         let begin = cull + search;
-        Ok(SubmittedFrame { submission, stats, items, is_culling, begin, start })
+        Ok(SubmittedFrame { submission, timer, stats, items, is_culling, begin, start })
     }
 
     /// Waits until a frame is there. Frames are finished in the order in which they were submitted.
@@ -273,7 +289,8 @@ impl FrameResources {
         target: &mut Target,
         frame: SubmittedFrame,
     ) -> Result<DrawStats, DrawError> {
-        let SubmittedFrame { submission, mut stats, items, is_culling, begin, start } = frame;
+        let SubmittedFrame { submission, timer, mut stats, items, is_culling, begin, start } =
+            frame;
         let before = self.done;
         stats.gpu_us = us(self.finish_submission(gpu, &submission)?);
         // Several frames are a pipeline: what one of them adds to the time of all is the time from
@@ -282,6 +299,7 @@ impl FrameResources {
         let done = self.done.unwrap_or(since);
         let frame_us = us(begin + done.saturating_duration_since(since));
         target.occlusion.record(items, frame_us, is_culling);
+        stats.passes = self.times.finish(gpu, timer);
         Ok(stats)
     }
 

@@ -11,6 +11,10 @@ use crate::gpu_choice::{AdapterInfo, choose};
 /// Maximum time for which the GPU is waited for; one that takes longer is taken for one that hangs.
 pub(crate) const GPU_WAIT_MAX: Duration = Duration::from_secs(30);
 
+/// What timestamps between passes need.
+const TIMESTAMPS: wgpu::Features =
+    wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS);
+
 /// Why no GPU could be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum GpuError {
@@ -95,6 +99,11 @@ impl Gpu {
     /// An instance that needs no display.
     pub fn headless_instance() -> wgpu::Instance {
         Self::instance(wgpu::InstanceDescriptor::new_without_display_handle)
+    }
+
+    /// Returns whether it can tell when it is at a place of its work.
+    pub(crate) fn has_timestamps(&self) -> bool {
+        self.device.features().contains(TIMESTAMPS)
     }
 
     /// Returns the GPUs of this machine that can be opened, with their drivers.
@@ -281,6 +290,8 @@ fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue), G
     let request = adapter.request_device(&wgpu::DeviceDescriptor {
         label: Some("gpu/device"),
         required_limits: limits,
+        // How long passes take is measured where that can be.
+        required_features: adapter.features() & TIMESTAMPS,
         ..Default::default()
     });
     pollster::block_on(request).map_err(|error| GpuError::Device {

@@ -75,7 +75,7 @@ pub use view::{AllowedError, ViewDesc};
 use std::time::{Duration, Instant};
 
 use pass::shadow::Sides;
-use polyptych_scene::LightEffects;
+use polyptych_scene::{LightEffects, PassTimes};
 use polyptych_wall::ShadowFilter;
 
 /// Why a frame was not drawn.
@@ -130,6 +130,8 @@ pub struct DrawStats {
     pub encode_us: u64,
     /// Microseconds from there until the GPU was done.
     pub gpu_us: u64,
+    /// How long the GPU took for each pass: one frame in eight tells, where the adapter can.
+    pub passes: PassTimes,
 }
 
 impl DrawStats {
@@ -148,6 +150,7 @@ impl DrawStats {
             cull_us: self.cull_us + other.cull_us,
             encode_us: self.encode_us + other.encode_us,
             gpu_us: self.gpu_us + other.gpu_us,
+            passes: self.passes.and(other.passes),
         }
     }
 }

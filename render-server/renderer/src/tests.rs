@@ -27,6 +27,7 @@ mod moving_shadows;
 mod occlusion;
 mod order;
 mod parallel;
+mod pass_times;
 mod pixel_light;
 mod robustness;
 mod shaders;

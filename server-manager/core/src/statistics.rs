@@ -1,11 +1,14 @@
 //! Times of frames: gathered frame by frame, reported as quantiles.
 
+use std::collections::BTreeMap;
+
 use hdrhistogram::Histogram;
 use polyptych_protocol::feedback::{
     ChannelStatistics, FrameFeedback, Quantiles, ResolutionScales, Statistics,
 };
 use polyptych_protocol::quality_bounds::{RESOLUTION_STEPS_MAX, resolution_scale};
 use polyptych_protocol::server_message::{FramePresented, FrameRendered};
+use polyptych_scene::FramePass;
 use polyptych_wall::ChannelId;
 
 use super::Micros;
@@ -82,6 +85,9 @@ struct ChannelSamples {
     triangles: u64,
     draw_calls: u64,
     draws_occluded: u64,
+    /// Microseconds of each pass, of so many frames that tell.
+    passes_us: BTreeMap<FramePass, u64>,
+    measured: u64,
     /// Frames in which it drew longest.
     limiting: u64,
 }
@@ -160,6 +166,10 @@ impl StatisticsCollector {
         channel.triangles = drawn.triangles;
         channel.draw_calls = u64::from(drawn.draw_calls);
         channel.draws_occluded = channel.draws_occluded.max(u64::from(drawn.draws_occluded));
+        channel.measured += u64::from(drawn.passes.is_measured());
+        for (pass, us) in drawn.passes.iter().filter(|(_, us)| *us > 0) {
+            *channel.passes_us.entry(pass).or_default() += u64::from(us);
+        }
     }
 
     /// Counts a frame that is swapped at `now`.
@@ -249,6 +259,7 @@ impl StatisticsCollector {
                     triangles: of.triangles,
                     draw_calls: of.draw_calls,
                     draws_occluded: of.draws_occluded,
+                    passes_us: of.passes_us.iter().map(|(p, us)| (*p, us / of.measured)).collect(),
                     adapter: server.map(|server| server.adapter.name.clone()),
                     memory_bytes: server.map_or(0, |server| server.memory_bytes),
                 }

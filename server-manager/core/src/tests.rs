@@ -38,7 +38,7 @@ use polyptych_protocol::quality_bounds::QualityBounds;
 use polyptych_protocol::request::{Pacing, Request, SceneSummary};
 use polyptych_protocol::server_message::{FrameRendered, Ping, Prepared};
 use polyptych_protocol::state_log::SceneRef;
-use polyptych_scene::{Bounds, SceneFeatures};
+use polyptych_scene::{Bounds, PassTimes, SceneFeatures};
 use polyptych_wall::surface::Plane;
 use polyptych_wall::{Channel, Screen, Surface};
 
@@ -260,6 +260,7 @@ impl ClusterFixture {
             draw_calls: 1,
             error_fraction: 0.0,
             draws_occluded: 40,
+            passes: PassTimes::default(),
         }
     }
 

@@ -15,7 +15,7 @@ use polyptych_protocol::ids::{RequestId, Revision};
 use polyptych_protocol::request::{Request, SceneSummary};
 use polyptych_protocol::server_message::{FrameRendered, Ping, Prepared, ServerMessage};
 use polyptych_protocol::state_log::{Replica, SceneRef};
-use polyptych_scene::SceneFeatures;
+use polyptych_scene::{PassTimes, SceneFeatures};
 use polyptych_wall::surface::Plane;
 use polyptych_wall::{Channel, ChannelId, Screen, Surface};
 
@@ -130,6 +130,7 @@ impl RandomRun {
                 draw_calls: 1,
                 error_fraction: 0.0,
                 draws_occluded: 0,
+                passes: PassTimes::default(),
             }),
             _ => return,
         };

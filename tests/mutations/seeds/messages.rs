@@ -12,8 +12,7 @@ use polyptych_protocol::command::{Command, Frame, Goodbye, Pong, Prepare, Swap};
 use polyptych_protocol::device_status::DeviceStatus;
 use polyptych_protocol::exported_scene::ExportedScene;
 use polyptych_protocol::feedback::{
-    ChannelFeedback, ChannelState, ChannelStatistics, ChannelStatus, Edited, FrameFeedback,
-    Quantiles, ResolutionScales, Skew, Statistics, Tuned, WallStatus,
+    ChannelFeedback, ChannelState, ChannelStatus, Edited, FrameFeedback, Skew, Tuned, WallStatus,
 };
 use polyptych_protocol::handshake::{
     Adapter, BulkHello, ClientHello, Hello, HelloReply, Introduction, Nonces, Rejection, Secret,
@@ -54,6 +53,7 @@ use polyptych_wall::{ChannelId, Wall};
 
 use super::editing::{answers_about_space, follow, regions, scene_edits, transaction, walked, way};
 use super::light::{light_operations, lights, luminance};
+use super::statistics::{passes, statistics};
 use crate::message::Kind;
 
 /// The manager's life in all seeds, so that the core takes them for its own.
@@ -197,6 +197,7 @@ fn statuses() -> Vec<ServerMessage> {
         draw_calls: 6,
         error_fraction: 0.0,
         draws_occluded: 40,
+        passes: passes(),
     };
     let (features, scene_bytes, detail_reach) = (vec!["blend".into()], 1000, Some(2.5));
     let prepared =
@@ -423,50 +424,6 @@ fn rest() -> RestStatus {
 
 fn marker() -> CalibrationMarker {
     CalibrationMarker { channel: "a-1-1".into(), point: MarkedPoint::Bend { column: 1, row: 2 } }
-}
-
-fn statistics() -> Statistics {
-    let spread = Quantiles { count: 9, p50: 1.0, p95: 2.0, p99: 3.0, max: 4.0 };
-    let channel = ChannelStatistics {
-        name: "a-1-1".into(),
-        state: ChannelState::Live,
-        frames: 9,
-        frame_ms: spread,
-        draw_ms: spread,
-        swap_skew_us: spread,
-        clock_error_us: 40,
-        longest_gap_ms: 50.0,
-        unscheduled: 1,
-        late: 1,
-        triangles: 100_000,
-        draw_calls: 6,
-        draws_occluded: 40,
-        adapter: Some("llvmpipe".into()),
-        memory_bytes: 1 << 28,
-    };
-    Statistics {
-        frames: 9,
-        complete: 8,
-        ahead: 7,
-        seconds: 1.0,
-        frame_ms: spread,
-        draw_ms: spread,
-        barrier_us: spread,
-        swap_skew_us: spread,
-        late: 1,
-        triangles: 300_000,
-        draw_calls: 18,
-        draws_occluded: 120,
-        error_bound_px: 0.5,
-        error_in_force_px: spread,
-        largest_error_px: 0.25,
-        gpu_bytes: 1 << 20,
-        limiting_channel: Some("a-1-1".into()),
-        bytes_per_frame: 555.0,
-        features: vec!["blend".into()],
-        channels: vec![channel; 3],
-        resolution_scale: ResolutionScales { p50: 0.71, min: 0.5 },
-    }
 }
 
 fn exported() -> ExportedScene {

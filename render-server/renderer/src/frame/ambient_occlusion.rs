@@ -5,6 +5,8 @@
 
 use std::ops::Range;
 
+use polyptych_scene::FramePass;
+
 use super::begun_frame::ShownView;
 use super::draw_context::FrameBindings;
 use super::frame_buffer::FrameBuffer;
@@ -131,12 +133,15 @@ impl OcclusionMaps {
             });
             let (is_first, found) = (all.is_empty(), found.collect::<Vec<_>>());
             pass.encode_search(gpu, &mut encoder, (textures, uniforms), (&found, is_first));
+            frames.timer.end(&mut encoder, FramePass::AmbientOcclusion);
             Submission::new(gpu, encoder);
             all.extend(found);
         }
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("ambient_occlusion") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
+        frames.timer.begin(&mut encoder);
         pass.encode_smoothed(gpu, &mut encoder, (textures, uniforms), &all);
+        frames.timer.end(&mut encoder, FramePass::AmbientOcclusion);
         Submission::new(gpu, encoder);
         Ok(Some(DrawnOcclusion { map: textures.map.clone(), regions }))
     }
@@ -246,6 +251,7 @@ impl FrameResources {
             check_records(gpu, records.len())
                 .map_err(|reason| DrawError::View { index: *index, reason })?;
         }
+        let timer = self.timer.clone();
         let pipelines = casters.pipelines(&scene.layout.keys, Sides::Shown);
         let bindings = FrameBindings { pipelines, ..FrameBindings::default() };
         let touched =
@@ -255,6 +261,7 @@ impl FrameResources {
         let context = self.context(gpu, bindings, scene, views, &lists);
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("ambient_occlusion") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
+        timer.begin(&mut encoder);
         let mut pass = textures.begin_depths(&mut encoder);
         for (view, list) in lists.iter().enumerate() {
             context.draw(&mut pass, view, &list.opaque);

@@ -6,6 +6,7 @@ use glam::Vec3;
 use polyptych_scene::{AmbientOcclusion, Fog, ToneMapper};
 
 use super::hidden_items::OccluderDepths;
+use super::pass_timer::FrameTimer;
 use super::submission::Submission;
 use crate::DrawStats;
 use crate::draw_list::VisibleItems;
@@ -34,6 +35,8 @@ pub struct BegunFrame {
     pub(super) is_culling: bool,
     /// The search for what is hidden; `None` if there is none.
     pub(super) depths: Option<OccluderDepths>,
+    /// What its passes are measured with.
+    pub(super) timer: FrameTimer,
     /// Time that it took to find the items.
     pub(super) cull: Duration,
     /// Time that it took to encode the search.
@@ -71,6 +74,7 @@ impl BegunFrame {
 #[must_use = "the picture is not there yet"]
 pub struct SubmittedFrame {
     pub(super) submission: Submission,
+    pub(super) timer: FrameTimer,
     /// All but the GPU's time.
     pub(super) stats: DrawStats,
     pub(super) items: usize,

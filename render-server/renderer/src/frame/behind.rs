@@ -1,5 +1,7 @@
 //! Pictures of what is behind surfaces that transmit light, drawn before the frame that shows them.
 
+use polyptych_scene::FramePass;
+
 use super::ambient_occlusion::{DrawnOcclusion, OcclusionBinding};
 use super::begun_frame::ShownView;
 use super::draw_context::FrameBindings;
@@ -99,14 +101,17 @@ impl FrameResources {
         let occlusion = with.occlusion.map(|drawn| drawn.binding_of(shown, &regions, is_covered));
         let of = PicturesOf { shown, regions: &regions, occlusion, behind: None };
         let encoder = self.draw_pictures(gpu, with, (scene, target), of, onto, is_opaque)?;
-        let view = self.behind.finish(gpu, encoder, texture, sides, |_, _| ());
+        let timer = self.timer.clone();
+        let view = self.behind.finish(gpu, encoder, texture, sides, |encoder, _| {
+            timer.end(encoder, FramePass::Glass);
+        });
         let uniform = |(of, regions): (&ShownView, &Vec<_>)| BehindUniform::new(&of.0, regions);
         let uniforms = shown.iter().zip(&regions).map(uniform).collect();
         Ok(Some(BehindBinding { view, uniforms }))
     }
 
     /// Draws the pictures of all views, with those items of the scene that are to be in them.
-    /// Returns the commands.
+    /// Returns the commands, of which a pass is begun for the timer.
     ///
     /// # Errors
     /// More is shown than is held for one frame, or the GPU failed.
@@ -126,6 +131,7 @@ impl FrameResources {
             let group = with.shadows.get(index);
             shadows.extend(regions.iter().filter_map(|_| group.cloned()));
         }
+        let timer = self.timer.clone();
         let views: Vec<&ViewDesc> = views.iter().collect();
         let lists = self.lists_of_pictures(gpu, scene, &views, sides, is_drawn)?;
         let background = self.background(gpu, scene, target, (with.variant, &views));
@@ -139,6 +145,7 @@ impl FrameResources {
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("behind") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
         let exposure = shown.first().map_or(1.0, |(view, _)| view.exposure);
+        timer.begin(&mut encoder);
         let mut pass = onto.begin(&mut encoder, light_color(sky(scene, exposure)));
         opaque::encode(&mut pass, &context);
         if let Some(background) = &background {

@@ -4,6 +4,8 @@
 //! Pictures of many views take turns in one texture; the maps, which have only what views show,
 //! are together in another.
 
+use polyptych_scene::FramePass;
+
 use super::FrameResources;
 use super::begun_frame::ShownView;
 use super::behind::{BehindBinding, DrawnWith, PicturesOf, planned};
@@ -112,6 +114,7 @@ impl DiscPictures {
             let (pictures, gathered): (Vec<_>, Vec<_>) = (pictures.collect(), gathered.collect());
             let parts = [&pictures[..], &gathered];
             pass.encode_maps(gpu, &mut encoder, (layers, maps, uniforms), parts, index == 0);
+            frames.timer.end(&mut encoder, FramePass::DepthOfField);
             Submission::new(gpu, encoder);
         }
         Ok(true)
@@ -152,7 +155,9 @@ impl FrameResources {
         let views: Vec<_> = rectangles.zip(offsets).collect();
         if let Some(uniforms) = self.discs.uniforms.buffer() {
             let onto = ([light, depth], onto, sky);
+            self.timer.begin(encoder);
             pass.encode_onto(gpu, encoder, (maps, uniforms), onto, &views);
+            self.timer.end(encoder, FramePass::DepthOfField);
         }
     }
 

@@ -1,6 +1,6 @@
 //! The pictures whose light spreads, and the frame that it glows over.
 
-use polyptych_scene::{GLOW_OCTAVES, Glow, ToneMapper};
+use polyptych_scene::{FramePass, GLOW_OCTAVES, Glow, ToneMapper};
 
 use super::FrameResources;
 use super::begun_frame::ShownView;
@@ -124,6 +124,7 @@ impl FrameResources {
         let with = DrawnWith { shadows, ..*with };
         let onto = (&texture.target, sides);
         let mut encoder = self.draw_pictures(gpu, &with, (scene, target), of, onto, is_drawn)?;
+        let timer = self.timer.clone();
         let GlowPictures { pass, pictures, .. } = &mut self.glow;
         let pass = pass.get_or_insert_with(|| GlowPass::new(gpu));
         pass.encode_light(&mut encoder, &texture, sides);
@@ -134,6 +135,7 @@ impl FrameResources {
         let views = views.collect();
         let picture = pictures.finish(gpu, encoder, texture, sides, |encoder, texture| {
             pass.encode_spread(encoder, texture, &parts);
+            timer.end(encoder, FramePass::Glow);
         });
         Ok(SpreadLight { picture, views })
     }
@@ -147,6 +149,8 @@ impl FrameResources {
         onto: (&Target, Option<wgpu::Color>, ToneMapper),
         spread: &SpreadLight,
     ) {
+        let timer = self.timer.clone();
+        timer.begin(encoder);
         let GlowPictures { pass, uniforms, .. } = &mut self.glow;
         let stride = uniform_stride(gpu, size_of::<GlowUniform>());
         let mut bytes = vec![0; stride * spread.views.len().max(1)];
@@ -160,6 +164,7 @@ impl FrameResources {
         if let Some(pass) = pass {
             pass.encode_onto(gpu, encoder, onto, with, &views);
         }
+        timer.end(encoder, FramePass::ToneMapping);
     }
 }
 

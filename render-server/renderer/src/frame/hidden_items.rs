@@ -5,6 +5,8 @@
 //! Neither changes a pixel, and the order of what is drawn stays: so which items are occluders may
 //! depend on the frame before.
 
+use polyptych_scene::FramePass;
+
 use super::begun_frame::ShownView;
 use super::draw_context::FrameBindings;
 use super::submission::Submission;
@@ -108,6 +110,7 @@ impl FrameResources {
         };
         let size = target.size();
         let textures = target.occlusion.textures.get_or_insert_with(|| occluders.target(gpu, size));
+        let timer = self.timer.clone();
         let views = shown.iter().map(|(view, _)| view).collect();
         let pipelines = occluders.pipelines(&scene.layout.keys);
         let bindings = FrameBindings { pipelines, ..FrameBindings::default() };
@@ -117,8 +120,10 @@ impl FrameResources {
         };
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("occluders") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
+        timer.begin(&mut encoder);
         textures.encode_depth(&mut encoder, &context);
         occluders.encode_farthest(&mut encoder, textures, touched);
+        timer.end(&mut encoder, FramePass::HiddenItems);
         let copy = textures.encode_read(gpu, &mut encoder);
         let submission = Submission::new(gpu, encoder);
         Ok(Some(OccluderDepths { submission, copy, touched }))

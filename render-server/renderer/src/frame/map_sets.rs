@@ -4,6 +4,8 @@
 //! They are drawn as a frame is submitted, after those that were submitted before: the queue does
 //! one after the other, so a map that is drawn anew is read by no frame before.
 
+use polyptych_scene::FramePass;
+
 use super::begun_frame::ShownView;
 use super::draw_context::FrameBindings;
 use super::map_set::{MapSet, MapWork, Subject};
@@ -184,11 +186,13 @@ impl MapSets {
             count += 1;
         }
         let Passes { lists, views, steps } = passes;
+        let timer = frames.timer.clone();
         let pipelines = pass.pipelines(&scene.layout.keys, Sides::Both);
         let bindings = FrameBindings { pipelines, ..FrameBindings::default() };
         let context = frames.context(gpu, bindings, scene, views.iter().collect(), &lists);
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("shadows") };
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
+        timer.begin(&mut encoder);
         for step in &steps {
             match step {
                 Step::Pass(list, map, keeps) => {
@@ -198,6 +202,7 @@ impl MapSets {
                 Step::Copy(set, layer) => self.sets[*set].copy_still(&mut encoder, *layer),
             }
         }
+        timer.end(&mut encoder, FramePass::Shadows);
         gpu.queue.submit([encoder.finish()]);
         Ok(count)
     }
