@@ -119,7 +119,7 @@ pub use polyptych_protocol::walk_query::{
     Touched, WAY_POINTS_MAX, WalkEnd, WalkQuery, WalkedWay, Walker,
 };
 pub use polyptych_scene::{
-    AlphaMode, AmbientOcclusion, Anisotropy, Attribute, Bounds, CAMERA_KEY, Clearcoat,
+    AlphaMode, AmbientOcclusion, Anisotropy, Attribute, BakedLight, Bounds, CAMERA_KEY, Clearcoat,
     DepthOfField, DiffuseTransmission, Edit, Facing, Fill, Fog, FramePass, Glow, Highlight,
     Iridescence, Light, LightKind, Material, MaterialExtensions, NewNode, NodeId, NodeStyle,
     SceneFeatures, SceneSubset, Shading, Sheen, Specular, TextureRef, ToneMapper, Topology,

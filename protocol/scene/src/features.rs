@@ -21,7 +21,7 @@ pub struct SceneFeatures {
     pub vertex_colors: bool,
     /// Unlit materials.
     pub unlit: bool,
-    /// Lights of its own; without any, the default sun shines.
+    /// Lights of its own; without any and without baked light, the default sun shines.
     pub lights: bool,
     /// A mesh that stands in more than one place.
     pub instances: bool,
@@ -60,6 +60,9 @@ pub struct SceneFeatures {
     /// Materials with `KHR_materials_diffuse_transmission`.
     #[serde(default)]
     pub diffuse_transmission: bool,
+    /// Materials with `MOZ_lightmap`.
+    #[serde(default)]
+    pub baked_light: bool,
 }
 
 impl SceneFeatures {
@@ -100,6 +103,7 @@ impl SceneFeatures {
             anisotropy: extends(|of| of.anisotropy.is_some()),
             iridescence: extends(|of| of.iridescence.is_some()),
             diffuse_transmission: extends(|of| of.diffuse_transmission.is_some()),
+            baked_light: any(super::Material::has_baked_light),
             sun_shadows: lights().any(|of| of.casts_shadows() && of.lamp_map_count() == 0),
             lamp_shadows: lights().any(|of| of.lamp_map_count() > 0),
         }
@@ -128,6 +132,7 @@ impl SceneFeatures {
             (self.anisotropy, "anisotropy"),
             (self.iridescence, "iridescence"),
             (self.diffuse_transmission, "diffuse_transmission"),
+            (self.baked_light, "baked_light"),
         ]
         .into_iter()
         .filter_map(|(needed, name)| needed.then_some(name))

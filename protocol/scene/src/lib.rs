@@ -66,8 +66,8 @@ pub use level_cut::{CUTS_MAX, LevelCut};
 pub use light_effects::LightEffects;
 pub use material::{AlphaMode, Material, TextureRef};
 pub use material_extensions::{
-    Anisotropy, Clearcoat, DiffuseTransmission, EXTENSION_SLOTS, EXTENSION_TEXTURES_MAX,
-    Iridescence, MaterialExtensions, Sheen, Specular, Transmission, Volume,
+    Anisotropy, BakedLight, Clearcoat, DiffuseTransmission, EXTENSION_SLOTS,
+    EXTENSION_TEXTURES_MAX, Iridescence, MaterialExtensions, Sheen, Specular, Transmission, Volume,
 };
 pub use mesh::{IndexFormat, Mesh, Primitive, Topology, VertexLayout};
 pub use motion::{Moment, Motion};

@@ -119,6 +119,12 @@ impl Material {
         extensions.is_some_and(|of| of.transmission.is_some())
     }
 
+    /// Returns whether baked light lies on it.
+    pub fn has_baked_light(&self) -> bool {
+        let extensions = self.extensions.as_ref().filter(|_| !self.unlit);
+        extensions.is_some_and(|of| of.baked_light.is_some())
+    }
+
     /// The textures that it has, to change them: those of extensions last.
     pub fn textures_mut(&mut self) -> impl Iterator<Item = &mut TextureRef> {
         [

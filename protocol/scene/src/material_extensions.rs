@@ -11,7 +11,7 @@ use super::TextureRef;
 pub const EXTENSION_TEXTURES_MAX: usize = 5;
 
 /// Slots of textures that all extensions together have.
-pub const EXTENSION_SLOTS: usize = 14;
+pub const EXTENSION_SLOTS: usize = 15;
 
 /// The extensions of a material. Factors multiply the textures; all are linear.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -32,6 +32,8 @@ pub struct MaterialExtensions {
     pub iridescence: Option<Iridescence>,
     /// Light that passes through the surface and is scattered evenly.
     pub diffuse_transmission: Option<DiffuseTransmission>,
+    /// Light that was computed before and is kept in a texture.
+    pub baked_light: Option<BakedLight>,
 }
 
 /// `KHR_materials_ior` and `KHR_materials_specular`.
@@ -135,6 +137,15 @@ pub struct DiffuseTransmission {
     pub color_texture: Option<TextureRef>,
 }
 
+/// `MOZ_lightmap`: the diffuse light on a surface, occlusion and all.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BakedLight {
+    /// Factor of the texels: 0 or more.
+    pub intensity: f32,
+    /// Irradiance as linear RGB, in the unit of directional lights (lux); no light if `None`.
+    pub texture: Option<TextureRef>,
+}
+
 impl Anisotropy {
     /// Returns the direction as parts along tangent and bitangent, of length 1, by sines that do
     /// not depend on the machine; the tangent if the rotation is not finite.
@@ -236,7 +247,7 @@ impl MaterialExtensions {
     /// Returns its textures in the order in which shaders name them: the part of the reflection,
     /// its colour; the part of the clear coat, its roughness, its normals; the colour of
     /// the sheen, its roughness; the part that passes, the thickness; the anisotropy; the part of
-    /// the film, its thickness; the part that passes diffusely, its colour.
+    /// the film, its thickness; the part that passes diffusely, its colour; the baked light.
     pub fn texture_slots(&self) -> [Option<TextureRef>; EXTENSION_SLOTS] {
         let specular = self.specular.as_ref();
         let coat = self.clearcoat.as_ref();
@@ -255,6 +266,7 @@ impl MaterialExtensions {
             self.iridescence.as_ref().and_then(|of| of.thickness_texture),
             self.diffuse_transmission.as_ref().and_then(|of| of.texture),
             self.diffuse_transmission.as_ref().and_then(|of| of.color_texture),
+            self.baked_light.as_ref().and_then(|of| of.texture),
         ]
     }
 
@@ -276,7 +288,8 @@ impl MaterialExtensions {
         let layers = specular.chain(coat).chain(sheen).chain(transmission).chain(volume);
         let through = self.diffuse_transmission.iter_mut();
         let through = through.flat_map(|of| [&mut of.texture, &mut of.color_texture]);
-        layers.chain(anisotropy).chain(film).chain(through)
+        let baked = self.baked_light.iter_mut().map(|of| &mut of.texture);
+        layers.chain(anisotropy).chain(film).chain(through).chain(baked)
     }
 
     /// Returns whether light that passes goes through a volume.
@@ -309,7 +322,11 @@ impl MaterialExtensions {
         let film = || self.iridescence.as_ref().and_then(iridescence_fault);
         let layers = specular.or_else(coat).or_else(sheen).or_else(glass);
         let through = || self.diffuse_transmission.as_ref().and_then(diffuse_transmission_fault);
-        layers.or_else(anisotropy).or_else(film).or_else(through)
+        let baked = || {
+            let intensity = self.baked_light.as_ref().map(|of| of.intensity);
+            intensity.and_then(|of| amount_fault("baked_light.intensity", of))
+        };
+        layers.or_else(anisotropy).or_else(film).or_else(through).or_else(baked)
     }
 }
 
@@ -405,7 +422,11 @@ mod tests {
             }),
             ..MaterialExtensions::default()
         };
-        for sound in [brushed(1.0, -40.0), filmy(1.0, 0.0), translucent(1.0, 0.0)] {
+        let baked = |intensity| MaterialExtensions {
+            baked_light: Some(BakedLight { intensity, texture: None }),
+            ..MaterialExtensions::default()
+        };
+        for sound in [brushed(1.0, -40.0), filmy(1.0, 0.0), translucent(1.0, 0.0), baked(99.0)] {
             assert_eq!(sound.fault(), None);
         }
         for (wrong, part) in [
@@ -417,6 +438,8 @@ mod tests {
             (filmy(1.3, -1.0), "iridescence.thickness_max_nm is 0 or more, not -1"),
             (translucent(-0.1, 0.0), "diffuse_transmission.factor is 0 to 1, not -0.1"),
             (translucent(1.0, 2.0), "diffuse_transmission.color is 0 to 1, not 2"),
+            (baked(-1.0), "baked_light.intensity is 0 or more, not -1"),
+            (baked(f32::NAN), "baked_light.intensity is 0 or more"),
         ] {
             let fault = wrong.fault().unwrap_or_default();
             assert!(fault.contains(part), "{fault}: not {part}");
@@ -458,6 +481,7 @@ mod tests {
                 color_texture: texture(13),
                 ..DiffuseTransmission::default()
             }),
+            baked_light: Some(BakedLight { intensity: 1.0, texture: texture(14) }),
         };
         let slots = all.texture_slots();
         assert!(slots.iter().zip(0..).all(|(slot, at)| *slot == texture(at)), "{slots:?}");

@@ -12,6 +12,7 @@ const SHEEN: &str = include_str!("include/sheen.wgsl");
 const ANISOTROPY: &str = include_str!("include/anisotropy.wgsl");
 const IRIDESCENCE: &str = include_str!("include/iridescence.wgsl");
 const DIFFUSE_TRANSMISSION: &str = include_str!("include/diffuse_transmission.wgsl");
+const BAKED_LIGHT: &str = include_str!("include/baked_light.wgsl");
 const TRANSMISSION: &str = include_str!("include/transmission.wgsl");
 const SHADOW: &str = include_str!("include/shadow.wgsl");
 const SHADOW_FILTER: &str = include_str!("include/shadow_filter.wgsl");
@@ -76,6 +77,8 @@ pub(crate) struct ExtensionSet {
     pub iridescence: bool,
     /// `KHR_materials_diffuse_transmission`.
     pub diffuse_transmission: bool,
+    /// `MOZ_lightmap`.
+    pub baked_light: bool,
 }
 
 impl ExtensionSet {
@@ -105,6 +108,7 @@ impl ExtensionSet {
             (self.anisotropy, ANISOTROPY),
             (self.iridescence, IRIDESCENCE),
             (self.diffuse_transmission, DIFFUSE_TRANSMISSION),
+            (self.baked_light, BAKED_LIGHT),
         ]
         .into_iter()
         .filter_map(|(is_there, text)| is_there.then_some(text))
@@ -137,6 +141,7 @@ impl Interface {
             "iridescence" => self.extensions.iridescence,
             "unfilmed" => self.extensions.specular && !self.extensions.iridescence,
             "diffuse_transmission" => self.extensions.diffuse_transmission,
+            "baked_light" => self.extensions.baked_light,
             "further" => self.extensions.has_further_numbers(),
             "layers" => self.extensions.has_layers(),
             _ => false,

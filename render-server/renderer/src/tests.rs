@@ -2,6 +2,7 @@
 
 mod ambient_occlusion;
 mod anisotropy;
+mod baked_light;
 mod changed_looks;
 mod correction;
 mod depth_of_field;
@@ -13,7 +14,6 @@ mod fog;
 mod furnace;
 mod glow;
 mod gpu_faults;
-#[expect(dead_code, reason = "the render server's tests use the rest")]
 mod harness;
 mod iridescence;
 mod labels;

@@ -15,7 +15,7 @@ use super::uri;
 pub(super) const JSON_BYTES_MAX: usize = 256 << 20;
 
 /// The extensions that a file may require.
-pub(super) const EXTENSIONS: [&str; 27] = [
+pub(super) const EXTENSIONS: [&str; 28] = [
     "EXT_lod",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
@@ -42,6 +42,7 @@ pub(super) const EXTENSIONS: [&str; 27] = [
     "KHR_node_visibility",
     "KHR_texture_basisu",
     "KHR_texture_transform",
+    "MOZ_lightmap",
     "MSFT_lod",
 ];
 

@@ -15,7 +15,7 @@ const NAMES_MAX: usize = 256;
 
 /// Extensions that are not read and of which nothing can be seen, and those of which other notes
 /// say what is missing: bytes and images that are stored in another way, and what moves.
-const SAID_ELSEWHERE: [&str; 17] = [
+const SAID_ELSEWHERE: [&str; 18] = [
     "EXT_instance_features",
     "EXT_mesh_features",
     "EXT_mesh_primitive_restart",
@@ -32,6 +32,7 @@ const SAID_ELSEWHERE: [&str; 17] = [
     "KHR_texture_basisu",
     "KHR_xmp",
     "KHR_xmp_json_ld",
+    "MOZ_texture_rgbe",
     "MSFT_texture_dds",
 ];
 

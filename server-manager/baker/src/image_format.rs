@@ -86,6 +86,7 @@ pub(super) fn of_extension(name: &str) -> Option<&'static str> {
         "EXT_texture_webp" => "WebP",
         "EXT_texture_avif" => "AVIF",
         "MSFT_texture_dds" => "DDS",
+        "MOZ_texture_rgbe" => "Radiance HDR",
         _ => return None,
     })
 }

@@ -168,6 +168,8 @@ impl Palette {
                 material.occlusion_texture = used;
             }
             material.extensions = user.extensions(json, converted)?;
+        } else {
+            user.note_unlit(json);
         }
         let mut needs = user.needs;
         needs.keeps_order = material.alpha_mode == AlphaMode::Blend;

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use gltf::json;
 use polyptych_scene::{
-    Anisotropy, Clearcoat, DiffuseTransmission, EXTENSION_TEXTURES_MAX, Iridescence,
+    Anisotropy, BakedLight, Clearcoat, DiffuseTransmission, EXTENSION_TEXTURES_MAX, Iridescence,
     MaterialExtensions, Sheen, Specular, Transmission, Volume,
 };
 use serde::Deserialize;
@@ -177,6 +177,20 @@ impl Default for DiffuseTransmissionJson {
     }
 }
 
+/// `MOZ_lightmap`: a texture with an intensity. Unlike that of other textures, its set of
+/// coordinates is the second one if it names none.
+#[derive(Deserialize)]
+struct BakedLightJson {
+    index: json::Index<json::Texture>,
+    #[serde(rename = "texCoord")]
+    tex_coord: Option<u32>,
+    extensions: Option<json::extensions::texture::Info>,
+    intensity: Option<f32>,
+}
+
+/// The name of the extension of baked light.
+const LIGHT_MAP: &str = "MOZ_lightmap";
+
 impl MaterialContext<'_, '_, '_> {
     /// Reads an extension of the material; `None` where it has none.
     pub(super) fn extension<T: for<'de> Deserialize<'de>>(
@@ -219,6 +233,7 @@ impl MaterialContext<'_, '_, '_> {
         let volume = self.volume(json)?.filter(|_| passes);
         let anisotropy = self.anisotropy(json)?;
         let iridescence = self.iridescence(json)?;
+        let baked_light = self.baked_light(json)?;
         let mut made = MaterialExtensions {
             specular,
             clearcoat,
@@ -228,6 +243,7 @@ impl MaterialContext<'_, '_, '_> {
             anisotropy,
             iridescence,
             diffuse_transmission,
+            baked_light,
         };
         self.leave_out_textures(&mut made);
         let is_plain = made == MaterialExtensions::default();
@@ -243,6 +259,7 @@ impl MaterialContext<'_, '_, '_> {
         for slot in of.slots_mut() {
             *slot = slot.take().filter(|used| !further.contains(used));
         }
+        of.baked_light = of.baked_light.take().filter(|of| of.texture.is_some());
         let place = &self.place;
         self.job.warn(&format!(
             "{place}: drawn without some textures of extensions, which are more than \
@@ -384,5 +401,28 @@ impl MaterialContext<'_, '_, '_> {
             texture: self.optional(read.texture.as_ref(), TextureKind::Tint)?,
             color_texture: self.optional(read.color_texture.as_ref(), TextureKind::Tint)?,
         }))
+    }
+
+    fn baked_light(&mut self, json: &json::Material) -> Result<Option<BakedLight>, BakeError> {
+        let Some(read) = self.extension::<BakedLightJson>(json, LIGHT_MAP)? else {
+            return Ok(None);
+        };
+        let intensity = limit(read.intensity.unwrap_or(1.0), 0.0, FACTOR_MAX);
+        if intensity == 0.0 {
+            return Ok(None);
+        }
+        let (index, tex_coord) = (read.index, read.tex_coord.unwrap_or(1));
+        let extras = json::Extras::default();
+        let info = json::texture::Info { index, tex_coord, extensions: read.extensions, extras };
+        let texture = self.info(&info, TextureKind::Data)?;
+        Ok(texture.map(|texture| BakedLight { intensity, texture: Some(texture) }))
+    }
+
+    /// Notes baked light on a material that takes no light.
+    pub(super) fn note_unlit(&mut self, json: &json::Material) {
+        if json.extensions.as_ref().is_some_and(|of| of.others.contains_key(LIGHT_MAP)) {
+            let place = &self.place;
+            self.job.warn(&format!("{place}: drawn without its {LIGHT_MAP}, since it is unlit"));
+        }
     }
 }

@@ -6,7 +6,7 @@
 use std::collections::BTreeSet;
 
 use glam::Vec3;
-use polyptych_scene::Material;
+use polyptych_scene::{Material, MaterialExtensions, TextureRef};
 
 use super::material::TextureKind;
 use super::mip::Rgba8Image;
@@ -35,14 +35,21 @@ pub(super) fn picture(content: TextureKind) -> Rgba8Image {
     Rgba8Image { width: SIDE, height: SIDE, rgba: rows.collect() }
 }
 
-/// Takes the emission from materials whose emissive texture is one of these placeholders: a
-/// surface that glows all over would be worse than one that does not glow.
+/// Takes the emission from materials whose emissive texture is one of these placeholders, and
+/// baked light likewise: a surface that glows all over would be worse than one that does not.
 pub(super) fn darken(materials: &mut [Material], placeholders: &BTreeSet<u32>) {
+    let is_one =
+        |used: Option<TextureRef>| used.is_some_and(|of| placeholders.contains(&of.texture));
     for material in materials {
-        let emissive = material.emissive_texture;
-        if emissive.is_some_and(|used| placeholders.contains(&used.texture)) {
+        if is_one(material.emissive_texture) {
             material.emissive = Vec3::ZERO;
             material.emissive_texture = None;
+        }
+        if let Some(of) = &mut material.extensions {
+            of.baked_light = of.baked_light.take().filter(|of| !is_one(of.texture));
+        }
+        if material.extensions.as_deref() == Some(&MaterialExtensions::default()) {
+            material.extensions = None;
         }
     }
 }

@@ -2,6 +2,7 @@
 
 mod animation;
 mod animation_pointer;
+mod baked_light;
 mod broken;
 pub(crate) mod builder;
 mod compressed;

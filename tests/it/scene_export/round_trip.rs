@@ -12,10 +12,11 @@ use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_manager::scene_export;
 use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{
-    AlphaMode, Anisotropy, AssetManifests, Attribute, Clearcoat, DiffuseTransmission, Filter,
-    IndexFormat, Instance, Iridescence, Light, LightKind, Material, MaterialExtensions, Mesh,
-    MipFilter, Node, NodeExtras, NodeId, Primitive, Sampler, Scene, SceneEdits, Sheen, Specular,
-    Texture, TextureFormat, TextureRef, Topology, Transmission, VertexLayout, Volume, Wrap,
+    AlphaMode, Anisotropy, AssetManifests, Attribute, BakedLight, Clearcoat, DiffuseTransmission,
+    Filter, IndexFormat, Instance, Iridescence, Light, LightKind, Material, MaterialExtensions,
+    Mesh, MipFilter, Node, NodeExtras, NodeId, Primitive, Sampler, Scene, SceneEdits, Sheen,
+    Specular, Texture, TextureFormat, TextureRef, Topology, Transmission, VertexLayout, Volume,
+    Wrap,
 };
 
 /// Scenes that are tried.
@@ -136,7 +137,7 @@ fn extensions(
     };
     let mut made = MaterialExtensions { specular: Some(specular), ..MaterialExtensions::default() };
     // Not all: a material can have five textures of extensions.
-    let which = random.usize(0..6);
+    let which = random.usize(0..7);
     if which == 0 {
         let normal_texture = texture_of(random, data);
         made.clearcoat = Some(Clearcoat {
@@ -171,6 +172,10 @@ fn extensions(
             texture: texture_of(random, data),
             thickness_texture: texture_of(random, data),
         });
+    } else if which == 5 {
+        let intensity = unit(random).max(0.01);
+        let texture = texture_of(random, data);
+        made.baked_light = texture.is_some().then_some(BakedLight { intensity, texture });
     } else if which == 2 {
         made.anisotropy = Some(Anisotropy {
             strength: unit(random).max(0.01),

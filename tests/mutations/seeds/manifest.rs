@@ -5,8 +5,8 @@ use polyptych_files::blob::BlobHash;
 use polyptych_scene::deformation::{DeformedPrimitive, Joint, Skin};
 use polyptych_scene::{
     AlphaMode, AnimatedNode, AnimatedPath, AnimatedProperty, Animations, Anisotropy, Attribute,
-    Bounds, Channel, Clearcoat, Clip, Deformation, DiffuseTransmission, IndexFormat, Instance,
-    Interpolation, Iridescence, LevelCut, Light, LightKind, Material, MaterialExtensions,
+    BakedLight, Bounds, Channel, Clearcoat, Clip, Deformation, DiffuseTransmission, IndexFormat,
+    Instance, Interpolation, Iridescence, LevelCut, Light, LightKind, Material, MaterialExtensions,
     MaterialProperty, Mesh, Node, NodeExtras, Primitive, PropertyKind, Sampler, Scene, Sheen,
     Specular, Texture, TextureFormat, TextureRef, Topology, Transmission, Variant, VertexLayout,
     Volume,
@@ -71,6 +71,7 @@ fn extensions(texture: TextureRef) -> MaterialExtensions {
             texture: slot,
             ..DiffuseTransmission::default()
         }),
+        baked_light: Some(BakedLight { intensity: 2.0, texture: slot }),
     }
 }
 

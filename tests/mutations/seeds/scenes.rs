@@ -163,7 +163,8 @@ fn material_extensions() -> Value {
             "diffuseTransmissionColorFactor": [1.0, 0.5, 0.5],
             "diffuseTransmissionColorTexture": { "index": 0 } },
         "KHR_materials_volume": { "thicknessFactor": 1.0, "attenuationDistance": 2.0,
-            "attenuationColor": [0.5, 1.0, 1.0] }
+            "attenuationColor": [0.5, 1.0, 1.0] },
+        "MOZ_lightmap": { "index": 1, "texCoord": 0, "intensity": 3.0 }
     })
 }
 

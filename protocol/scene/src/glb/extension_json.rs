@@ -5,8 +5,8 @@ use std::io::Write;
 use super::GlbWriter;
 use super::material_json::texture_json;
 use crate::{
-    Anisotropy, Clearcoat, DiffuseTransmission, Iridescence, MaterialExtensions, Sheen, Specular,
-    Transmission, Volume,
+    Anisotropy, BakedLight, Clearcoat, DiffuseTransmission, Iridescence, MaterialExtensions, Sheen,
+    Specular, Transmission, Volume,
 };
 
 /// Returns the extensions as members of a material's `extensions`.
@@ -22,6 +22,7 @@ pub(super) fn members<W: Write>(of: &MaterialExtensions, file: &mut GlbWriter<W>
     members.extend(of.anisotropy.iter().map(|of| anisotropy_member(of, file)));
     members.extend(of.iridescence.iter().map(|of| iridescence_member(of, file)));
     members.extend(of.diffuse_transmission.iter().map(|of| diffuse_transmission_member(of, file)));
+    members.extend(of.baked_light.iter().filter_map(|of| baked_light_member(of, file)));
     members
 }
 
@@ -135,4 +136,13 @@ fn diffuse_transmission_member<W: Write>(
         of.color.to_array()
     );
     format!(r#""{name}":{{{factors}{part}{color}}}"#)
+}
+
+/// Returns the extension, which is a texture by itself.
+fn baked_light_member<W: Write>(of: &BakedLight, file: &mut GlbWriter<W>) -> Option<String> {
+    let name = "MOZ_lightmap";
+    let intensity = format!(r#","intensity":{:?}"#, of.intensity);
+    let texture = of.texture.map(|texture| texture_json(name, Some(texture), &intensity, file))?;
+    file.use_extension(name);
+    texture.strip_prefix(',').map(str::to_owned)
 }

@@ -4,7 +4,7 @@ struct Extension {
     uv_transforms: array<UvTransform, 5>,
     // Reflectance from the front, and the part of the reflection that is there.
     specular: vec4<f32>,
-    // Part, roughness, scale of the normal map.
+    // Part, roughness, scale of the normal map; the intensity of baked light.
     clearcoat: vec4<f32>,
     // Colour, roughness.
     sheen: vec4<f32>,
@@ -54,6 +54,7 @@ override IRIDESCENCE: u32 = 0u; //? iridescence
 override IRIDESCENCE_THICKNESS: u32 = 0u; //? iridescence
 override THROUGH: u32 = 0u; //? diffuse_transmission
 override THROUGH_COLOR: u32 = 0u; //? diffuse_transmission
+override BAKED_LIGHT: u32 = 0u; //? baked_light
 
 fn further_coordinates(v: Varyings, slot: u32, which: u32) -> vec2<f32> {
     var uv = vec2<f32>(0.0);

@@ -201,8 +201,11 @@ fn ambient(s: Surface) -> vec3<f32> {
     let lean = max(1.0 - 2.0 * alpha * (1.0 - alpha) * (1.0 - cosine), 1e-6); //? anisotropy
     let up = mix(mirrored_up, s.normal.y, alpha) * inverseSqrt(lean);
     let specular = s.f0 * s.albedo.x + s.rise * s.albedo.y;
-    return s.diffuse * (1.0 - s.dielectric) * surroundings(s.normal.y, 1.0)
-        + specular * surroundings(up, 0.1 + alpha * (2.0 - alpha));
+    let reflected = specular * surroundings(up, 0.1 + alpha * (2.0 - alpha)); //? baked_light
+    // This sky stands for what a file lacks: the rest of its light is in the baked one.
+    return reflected; //? baked_light
+    return s.diffuse * (1.0 - s.dielectric) * surroundings(s.normal.y, 1.0) //? !baked_light
+        + specular * surroundings(up, 0.1 + alpha * (2.0 - alpha)); //? !baked_light
 }
 
 // Radiance before exposure, from a base colour whose alpha has been dealt with.
@@ -224,6 +227,8 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
         let texel = textureSample(occlusion_texture, occlusion_sampler, uv);
         occlusion = 1.0 + material.occlusion_strength * (texel.r - 1.0);
     }
+    // Baked light has corners and gaps darkened already. //? baked_light
+    let baked_part = occlusion; //? baked_light
     occlusion = min(occlusion, ambient_visibility(v)); //? ambient_occlusion
     let position = position_of(v);
     var s: Surface;
@@ -251,6 +256,7 @@ fn radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     var light = ambient(s) * occlusion; //? !environment
     var light = environment_light(s) * occlusion; //? environment
     light += around_behind(s) * occlusion; //? diffuse_transmission
+    light += baked_light(s, texels) * baked_part; //? baked_light
     light = layers_around(s, light, occlusion); //? layers
     let facing = surface_normal(v, front);
     if SUN_COUNT > 0u { light += sun_light(s, 0u, position, facing); }

@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::{DAffine3, DVec3, Vec3};
 use polyptych_scene::limits::LIT_DRAWS_MAX;
-use polyptych_scene::{Light, LightKind, NodeTraits, Scene};
+use polyptych_scene::{Light, LightKind, Material, NodeTraits, Scene};
 use polyptych_wall::ShadowFilter;
 
 use super::SceneError;
@@ -16,8 +16,8 @@ use super::moved_items::MovedNode;
 use super::subset::{Selection, layer_bit};
 use crate::view::SUNS_MAX;
 
-/// Shines where a scene has no light of its own: from above, the right and the front, a little
-/// warm. Given as the direction towards it, and lux.
+/// Shines where a scene has no light of its own, and no baked light: from above, the right and the
+/// front, a little warm. Given as the direction towards it, and lux.
 const DEFAULT_SUN: DirectionalLight = DirectionalLight {
     toward: Vec3::new(0.453, 0.754, 0.476),
     irradiance: Vec3::new(3.1, 2.95, 2.7),
@@ -142,10 +142,10 @@ pub(crate) struct Lights {
 
 impl Lights {
     /// All lights of the scene, and the default sun if there may be none: each can be in a layer
-    /// that is not shown.
+    /// that is not shown. Baked light is light.
     pub fn new(desc: &Scene, world: &[DAffine3], traits: &NodeTraits) -> Self {
         let mut lights = Self::default();
-        let (mut layers, mut is_lit) = (0, false);
+        let (mut layers, mut is_lit) = (0, desc.materials.iter().any(Material::has_baked_light));
         for (index, (node, world_from_node)) in desc.nodes.iter().zip(world).enumerate() {
             let Some(light) = node.light.map(|light| &desc.lights[light as usize]) else {
                 continue;

@@ -17,6 +17,8 @@ use crate::shader::ExtensionSet;
 const CLEARCOAT_NORMAL: usize = 4;
 /// The slot of the anisotropy.
 const ANISOTROPY: usize = 9;
+/// The slot of the baked light.
+const BAKED_LIGHT: usize = 14;
 
 /// Twin of `Extension` in `include/extension.wgsl`.
 #[repr(C)]
@@ -26,7 +28,7 @@ pub(crate) struct ExtensionUniform {
     pub uv_transforms: [UvTransform; EXTENSION_TEXTURES_MAX],
     /// Reflectance from the front, and its part that is there.
     pub specular: [f32; 4],
-    /// Part, roughness, scale of the normal map.
+    /// Part, roughness, scale of the normal map; the intensity of baked light.
     pub clearcoat: [f32; 4],
     /// Colour, roughness.
     pub sheen: [f32; 4],
@@ -58,10 +60,11 @@ impl ExtensionUniform {
         let inverse = if is_endless { 0.0 } else { specular.ior.recip() };
         let rough = if is_endless { 1.0 } else { (2.0 * specular.ior - 2.0).clamp(0.0, 1.0) };
         let through = of.diffuse_transmission.clone().unwrap_or_default();
+        let baked = of.baked_light.as_ref().map_or(0.0, |of| of.intensity);
         Self {
             uv_transforms: std::array::from_fn(|at| uv_transform(transform(at))),
             specular: (specular.color * specular.reflectance()).extend(specular.factor).to_array(),
-            clearcoat: [coat.factor, coat.roughness, coat.normal_scale, 0.0],
+            clearcoat: [coat.factor, coat.roughness, coat.normal_scale, baked],
             sheen: sheen.color.extend(sheen.roughness).to_array(),
             transmission: [part, volume.thickness, inverse, volume.dispersion],
             absorption: volume.absorption().extend(rough).to_array(),
@@ -119,6 +122,7 @@ impl ExtensionFeatures {
                 anisotropy: layout.tangent && of.anisotropy.is_some(),
                 iridescence: of.iridescence.is_some(),
                 diffuse_transmission: of.diffuse_transmission.is_some(),
+                baked_light: places[BAKED_LIGHT] != 0,
             },
             places,
             coordinates: std::array::from_fn(|at| slot_of(distinct.get(at).copied(), layout)),
@@ -155,6 +159,7 @@ impl ExtensionFeatures {
             ("IRIDESCENCE_THICKNESS", set.iridescence),
             ("THROUGH", set.diffuse_transmission),
             ("THROUGH_COLOR", set.diffuse_transmission),
+            ("BAKED_LIGHT", set.baked_light),
         ];
         let places = names.into_iter().zip(self.places.map(f64::from));
         let places = places.filter_map(|((name, is_there), at)| is_there.then_some((name, at)));

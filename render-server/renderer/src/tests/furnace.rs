@@ -92,8 +92,18 @@ pub(super) fn color_of(
     lights: &[(DVec3, f64)],
 ) -> DVec3 {
     let material = stage.material(material);
-    let plate = MeshFixture::rectangle(50.0, 50.0);
-    let shown = shown(stage, (&plate, material), mu, around, (lights, ToneMapper::None));
+    color_of_mesh(stage, (&MeshFixture::rectangle(50.0, 50.0), material), mu, around, lights)
+}
+
+/// Radiance of another plate in three colours, with a material of the scene.
+pub(super) fn color_of_mesh(
+    stage: SceneFixture,
+    plate: (&MeshFixture, u32),
+    mu: f64,
+    around: (f64, Option<Arc<Environment>>),
+    lights: &[(DVec3, f64)],
+) -> DVec3 {
+    let shown = shown(stage, plate, mu, around, (lights, ToneMapper::None));
     assert!(shown.max_element() < 1.0, "{shown} is cut by the tone mapper");
     shown
 }

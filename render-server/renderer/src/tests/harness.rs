@@ -24,6 +24,8 @@ pub fn gpu() -> &'static Gpu {
 #[derive(Clone, Default)]
 pub struct MeshFixture {
     pub vertices: Vec<[f32; 12]>,
+    /// The second coordinates of each vertex; none if empty.
+    pub second_uvs: Vec<[f32; 2]>,
     pub indices: Vec<u32>,
     pub coarser_indices: Vec<u32>,
     pub meshlets: Vec<Meshlet>,
@@ -131,7 +133,7 @@ impl MeshFixture {
         let points = || self.vertices.iter().map(|v| Vec3::new(v[0], v[1], v[2]));
         Primitive {
             blob: BlobHash::of(&self.bytes()),
-            layout: Self::LAYOUT,
+            layout: VertexLayout { uv1: !self.second_uvs.is_empty(), ..Self::LAYOUT },
             vertex_count: self.vertices.len() as u32,
             index_count: self.indices.len() as u32,
             coarser_index_count: self.coarser_indices.len() as u32,
@@ -149,7 +151,13 @@ impl MeshFixture {
     }
 
     pub fn bytes(&self) -> Vec<u8> {
-        let mut bytes = bytemuck::cast_slice(&self.vertices).to_vec();
+        let mut bytes: Vec<u8> = Vec::new();
+        for (at, vertex) in self.vertices.iter().enumerate() {
+            bytes.extend_from_slice(bytemuck::cast_slice(vertex));
+            bytes.extend_from_slice(bytemuck::cast_slice(
+                self.second_uvs.get(at..=at).unwrap_or(&[]),
+            ));
+        }
         let indices = [&self.indices[..], &self.coarser_indices].concat();
         let mut meshlets = self.meshlets.clone();
         if self.is_coarse_first {
@@ -182,6 +190,7 @@ impl MeshFixture {
         let meshlets = held.map(|of| Meshlet { first_index: of.first_index - finer, ..*of });
         Self {
             vertices: self.vertices.clone(),
+            second_uvs: self.second_uvs.clone(),
             indices: self.level(level),
             coarser_indices: (level + 1..=coarsest).flat_map(|of| self.level(of)).collect(),
             meshlets: meshlets.collect(),

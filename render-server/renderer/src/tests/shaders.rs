@@ -67,6 +67,7 @@ fn extension_sets() -> impl Iterator<Item = ExtensionSet> {
         let glass = bits >> 3 & 3;
         // With others of every kind, as its parity is theirs.
         let diffuse_transmission = bits.count_ones() % 2 == 1;
+        let baked_light = (bits >> 1).count_ones() % 2 == 1;
         let (transmission, volume, dispersion) = (glass > 0, glass > 1, glass > 2);
         let (clearcoat, sheen, iridescence) = (bit(1), bit(2), bit(6));
         // Iridescence changes what index of refraction and specular say.
@@ -81,6 +82,7 @@ fn extension_sets() -> impl Iterator<Item = ExtensionSet> {
             anisotropy: bit(5),
             iridescence,
             diffuse_transmission,
+            baked_light,
         }
     })
 }

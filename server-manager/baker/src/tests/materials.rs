@@ -8,14 +8,14 @@ use super::builder::{Builder, png};
 use super::{BakeFixture, bake_builder};
 
 /// A quad with one material.
-fn quad(material: &Value) -> Builder {
+pub(super) fn quad(material: &Value) -> Builder {
     let mut builder = Builder::quad();
     builder.json["materials"] = json!([material]);
     builder.json["meshes"][0]["primitives"][0]["material"] = json!(0);
     builder
 }
 
-fn refusal(builder: &Builder) -> String {
+pub(super) fn refusal(builder: &Builder) -> String {
     let place = BakeFixture::new();
     let path = place.write("scene.glb", &builder.glb());
     place.bake(&path).expect_err("refused").to_string()
