@@ -3,6 +3,7 @@
 
 #[path = "seeds/editing.rs"]
 pub mod editing;
+#[path = "seeds/light.rs"]
 mod light;
 #[path = "seeds/manifest.rs"]
 pub mod manifest;
@@ -12,6 +13,7 @@ pub mod maps;
 pub mod messages;
 #[path = "seeds/scenes.rs"]
 pub mod scenes;
+#[path = "seeds/statistics.rs"]
 mod statistics;
 #[path = "seeds/walls.rs"]
 pub mod walls;
