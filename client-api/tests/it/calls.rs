@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
-    AmbientOcclusion, Camera, ClientError, DepthOfField, Digest, EnvironmentSource, Epoch, Fog,
-    FrameId, Glow, HeadPose, OPEN_REQUESTS_MAX, OpenProgress, OpenStage, OutputMode, Pacing,
+    AmbientOcclusion, Camera, Client, ClientError, DepthOfField, Digest, EnvironmentSource, Epoch,
+    Fog, FrameId, Glow, HeadPose, OPEN_REQUESTS_MAX, OpenProgress, OpenStage, OutputMode, Pacing,
     Presentation, Quantiles, Request, RequestId, ResolutionScales, Response, Revision,
     SceneFeatures, SceneSummary, Statistics, TestPattern, ToneMapper, Tuned, View, Wall,
     WallStatus, calibration_change::CalibrationChange,
@@ -113,6 +113,17 @@ pub fn answer(request: &Request) -> Response {
     }
 }
 
+/// Sets all that is light.
+async fn set_light(client: &Client) {
+    client.set_exposure(0.5).await.expect("set");
+    client.set_tone(ToneMapper::Aces).await.expect("set");
+    client.set_fog(Some(Fog::even(80.0))).await.expect("set");
+    client.set_glow(Some(Glow::new(0.5))).await.expect("set");
+    client.set_ambient_occlusion(Some(AmbientOcclusion { radius: 0.5 })).await.expect("set");
+    client.set_depth_of_field(Some(DepthOfField::new(12.0))).await.expect("set");
+    client.set_environment(EnvironmentSource::Sky).await.expect("set");
+}
+
 #[tokio::test]
 async fn every_call_sends_its_request_and_gives_its_reply() {
     let (client, mut manager) = pair().await;
@@ -137,13 +148,7 @@ async fn every_call_sends_its_request_and_gives_its_reply() {
     client.set_views(vec![view.clone()]).await.expect("set");
     client.clear_views().await.expect("cleared");
     assert_eq!(client.presentation().await.expect("status"), status().presentation);
-    client.set_exposure(0.5).await.expect("set");
-    client.set_tone(ToneMapper::Aces).await.expect("set");
-    client.set_fog(Some(Fog::even(80.0))).await.expect("set");
-    client.set_glow(Some(Glow::new(0.5))).await.expect("set");
-    client.set_ambient_occlusion(Some(AmbientOcclusion { radius: 0.5 })).await.expect("set");
-    client.set_depth_of_field(Some(DepthOfField::new(12.0))).await.expect("set");
-    client.set_environment(EnvironmentSource::Sky).await.expect("set");
+    set_light(&client).await;
     assert_eq!(client.render_frame().await.expect("drawn"), feedback(9));
     assert_eq!(client.render_frame_at(Some(camera), Some(4.0)).await.expect("drawn"), feedback(4));
     client.start_rendering(Pacing::Rate(30.0)).await.expect("running");

@@ -12,6 +12,7 @@ mod behind;
 mod depth_of_field;
 mod draw_context;
 mod frame_buffer;
+mod frame_content;
 mod glow;
 mod hidden_items;
 mod lamp_shadows;
@@ -28,7 +29,7 @@ mod surroundings;
 use std::time::{Duration, Instant};
 
 use glam::{DMat3, DMat4, DVec3, Vec3};
-use polyptych_scene::{FramePass, SceneSubset, ToneMapper};
+use polyptych_scene::{SceneSubset, ToneMapper};
 
 use super::draw_list::{DrawList, Scratch, VisibleItems, samples_of};
 use super::gpu::Gpu;
@@ -36,12 +37,12 @@ use super::guarded_region::GuardedRegion;
 use super::occlusion::OcclusionCulling;
 use super::pass::background::BackgroundPass;
 use super::pass::occluder::OccluderPass;
-use super::pass::tonemap::{Tonemap, light_color};
+use super::pass::tonemap::Tonemap;
 use super::pipeline::{InstanceRecord, PipelineVariant, Pipelines};
 use super::scene::GpuScene;
 use super::scene_pipelines::ScenePipelines;
 use super::target::Target;
-use super::tone::{LIGHT_MAX, tone_map};
+use super::tone::LIGHT_MAX;
 use super::view::{AllowedError, ViewDesc};
 use super::{DrawError, DrawStats, albedo};
 use ambient_occlusion::OcclusionMaps;
@@ -52,9 +53,9 @@ use depth_of_field::DiscPictures;
 pub(crate) use draw_context::DrawContext;
 use draw_context::FrameBindings;
 use frame_buffer::{FrameBuffer, is_too_large};
+use frame_content::FrameContent;
 use glow::GlowPictures;
 pub(crate) use hidden_items::OcclusionMemory;
-use hidden_items::encode_behind;
 use pass_timer::{FrameTimer, PassTimer};
 use scene_pass::{SceneEnds, encode_scene};
 use shadows::FrameShadows;
@@ -215,53 +216,10 @@ impl FrameResources {
         let glow = self.begin_glow(gpu, &with, (scene, target), &shown)?;
         let lists = self.lists(gpu, scene, &shown)?;
         let sorted = start.elapsed();
-        let clear_display = if target.is_linear() {
-            self.tonemap.sky_color(gpu, (sky, tone), target.content())?
-        } else {
-            light_color(tone_map(tone, sky))
-        };
-        let views: Vec<_> = shown.iter().map(|(view, _)| view).collect();
-        let background = self.background(gpu, scene, target, (variant, &views));
-        let bindings = FrameBindings {
-            pipelines: found.clone(),
-            environment: scene.environment.as_deref(),
-            behind,
-            occlusion: occlusion.map(|drawn| drawn.binding(&shown)),
-        };
-        let context = DrawContext {
-            shadows: groups.clone(),
-            ..self.context(gpu, bindings, scene, views, &lists)
-        };
-        let mut encoder = gpu
-            .device
-            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
-        timer.begin(&mut encoder);
-        if let (Some(hidden), Some(occluders)) = (hidden, occluders) {
-            encode_behind(&mut encoder, occluders, target, hidden);
-        }
-        let clear_scene = if target.is_linear() { light_color(sky) } else { clear_display };
-        let has_depth = hidden.is_some();
-        let ends = SceneEnds { sky: clear_scene, has_depth, keeps_depth: is_blurred };
-        encode_scene(&mut encoder, target, ends, &context, background.as_ref());
-        timer.end(&mut encoder, FramePass::Scene);
-        if is_blurred {
-            self.encode_discs(gpu, &mut encoder, (target, clear_scene), &shown);
-        } else {
-            target.end_focus();
-        }
-        let touched = lists.iter().filter_map(|list| match background {
-            None if !is_blurred => list.touched,
-            _ => Some(list.rectangle),
-        });
-        let touched = touched.reduce(around);
-        if let Some(first) = &glow.first {
-            self.encode_glow(gpu, &mut encoder, (target, Some(clear_display), tone), first);
-        } else if target.is_linear() {
-            timer.begin(&mut encoder);
-            self.tonemap.encode(gpu, &mut encoder, target, (clear_display, tone), touched);
-            timer.end(&mut encoder, FramePass::ToneMapping);
-        }
-        let submission = Submission::new(gpu, encoder);
+        let hidden_by = occluders.zip(hidden);
+        let content = FrameContent { sky, tone, behind, hidden_by, is_blurred, glow: &glow };
+        let of = (&shown[..], &lists[..]);
+        let submission = self.encode_frame(gpu, &with, (scene, &mut *target), of, content)?;
         let glow = self.finish_glow(gpu, &with, (scene, target), &shown, (tone, &glow))?;
         let submission = glow.unwrap_or(submission);
         let submission = timer.submit(gpu).unwrap_or(submission);

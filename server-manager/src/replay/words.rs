@@ -68,12 +68,10 @@ pub(super) fn of_request(request: &Request) -> String {
             format!("{name} {} of {}", text(scene), text(path))
         }
         Request::SetCamera(camera) => {
-            let at = camera.position;
-            format!("{name} to {:.3},{:.3},{:.3}", at.x, at.y, at.z)
+            format!("{name} to {}", place(camera.position.into()))
         }
         Request::SetHead(head) => {
-            let at = head.position;
-            format!("{name} to {:.3},{:.3},{:.3} m", at.x, at.y, at.z)
+            format!("{name} to {} m", place(head.position.into()))
         }
         Request::ReportDevices(report) => {
             format!("{name}: {}", counted(report.len(), "device"))
@@ -133,6 +131,11 @@ pub(super) fn of_request(request: &Request) -> String {
         Request::Capture { time_s: Some(time_s) } => format!("{name} at {time_s} s"),
         _ => name.to_owned(),
     }
+}
+
+/// A place as text.
+fn place([x, y, z]: [f64; 3]) -> String {
+    format!("{x:.3},{y:.3},{z:.3}")
 }
 
 /// Returns when displays go dark by themselves.

@@ -244,24 +244,24 @@ impl DepthOfFieldPass {
         };
         let group = |read: &Read<'_>| self.group(gpu, read, uniforms);
         let onto: Vec<_> = layers.levels[0].iter().collect();
-        self.encode(encoder, ("split", &self.split), (&onto, true), &group(&read), pictures);
+        encode(encoder, ("split", &self.split), (&onto, true), &group(&read), pictures);
         for level in 1..=LEVELS {
             let [finer, own] = [level - 1, level].map(|of| &layers.levels[of as usize]);
             let read = Read { layers: [0, 1, 2, 3].map(|at: usize| &finer[at]), ..read };
             let onto: Vec<_> = own.iter().collect();
             let parts = at_level(pictures, level);
-            self.encode(encoder, ("halve", &self.halve), (&onto, true), &group(&read), &parts);
+            encode(encoder, ("halve", &self.halve), (&onto, true), &group(&read), &parts);
         }
         let coarsest = &layers.levels[LEVELS as usize];
         let read = Read { layers: [map, map_light, map_front, &coarsest[3]], ..read };
         let cells = at_level(pictures, LEVELS);
         let onto = [&layers.widest];
-        self.encode(encoder, ("widen", &self.widen), (&onto, true), &group(&read), &cells);
+        encode(encoder, ("widen", &self.widen), (&onto, true), &group(&read), &cells);
         let all = [0, 1, 2, 3].map(|at: usize| &layers.all[at]);
         let read = Read { layers: all, widest: &layers.widest, ..read };
         let onto: Vec<_> = maps.views.iter().collect();
         let group = group(&read);
-        self.encode(encoder, ("gather", &self.gather), (&onto, is_first), &group, gathered);
+        encode(encoder, ("gather", &self.gather), (&onto, is_first), &group, gathered);
     }
 
     /// Lays what was gathered over the pixels of a frame, each view's in its rectangle; the rest
@@ -280,34 +280,6 @@ impl DepthOfFieldPass {
         let group = self.group(gpu, &read, uniforms);
         let pass = clear(encoder, "depth_of_field/compose", onto, sky);
         draw(pass, &self.compose, &group, views);
-    }
-
-    /// Encodes a stage onto several textures, which are cleared if it is the first one that draws
-    /// to them.
-    fn encode(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        (name, pipeline): (&str, &wgpu::RenderPipeline),
-        (onto, is_first): (&[&wgpu::TextureView], bool),
-        group: &wgpu::BindGroup,
-        parts: Parts<'_>,
-    ) {
-        let load = match is_first {
-            true => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
-            false => wgpu::LoadOp::Load,
-        };
-        let attachment = |view| {
-            let ops = wgpu::Operations { load, store: wgpu::StoreOp::Store };
-            let resolve_target = None;
-            Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target, ops })
-        };
-        let attachments: Vec<_> = onto.iter().copied().map(attachment).collect();
-        let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some(&format!("depth_of_field/{name}")),
-            color_attachments: &attachments,
-            ..Default::default()
-        });
-        draw(pass, pipeline, group, parts);
     }
 
     fn group(&self, gpu: &Gpu, read: &Read<'_>, uniforms: &wgpu::Buffer) -> wgpu::BindGroup {
@@ -332,6 +304,31 @@ impl DepthOfFieldPass {
             ],
         })
     }
+}
+
+/// Encodes a stage onto several textures, which are cleared if it is the first one that draws
+/// to them.
+fn encode(
+    encoder: &mut wgpu::CommandEncoder,
+    (name, pipeline): (&str, &wgpu::RenderPipeline),
+    (onto, is_first): (&[&wgpu::TextureView], bool),
+    group: &wgpu::BindGroup,
+    parts: Parts<'_>,
+) {
+    let none = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
+    let load = if is_first { none } else { wgpu::LoadOp::Load };
+    let attachment = |view| {
+        let ops = wgpu::Operations { load, store: wgpu::StoreOp::Store };
+        let resolve_target = None;
+        Some(wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target, ops })
+    };
+    let attachments: Vec<_> = onto.iter().copied().map(attachment).collect();
+    let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: Some(&format!("depth_of_field/{name}")),
+        color_attachments: &attachments,
+        ..Default::default()
+    });
+    draw(pass, pipeline, group, parts);
 }
 
 fn draw(

@@ -46,8 +46,8 @@ fn grid(distance: f64, step: f64) -> Vec<(DVec3, [f32; 2], Material)> {
     places.map(card).collect()
 }
 
-fn lens(aperture: f32) -> Option<DepthOfField> {
-    Some(DepthOfField { focus: FOCUS, aperture })
+fn lens(aperture: f32) -> DepthOfField {
+    DepthOfField { focus: FOCUS, aperture }
 }
 
 /// From the origin along −z.
@@ -163,7 +163,7 @@ fn a_far_light_is_a_disc_of_the_same_angle_wherever_it_is_seen() {
         [DVec3::new(0.01, 0.0, -1.0), DVec3::new(0.65, 0.0, -1.0), DVec3::new(-0.5, 0.4, -1.0)]
     {
         let (plain, _) = disc(toward, None);
-        let (light, width) = disc(toward, lens(aperture));
+        let (light, width) = disc(toward, Some(lens(aperture)));
         println!("{toward}: {light:.5} of {plain:.5}, {width:.5?} wide of {wanted:.5}");
         assert!((light / plain - 1.0).abs() < 0.1, "{light} of {plain}");
         assert!(width.iter().all(|of| (of / wanted - 1.0).abs() < 0.1), "{width:?} of {wanted}");
@@ -177,11 +177,11 @@ fn what_is_in_focus_and_a_lens_without_width_keep_every_pixel() {
     let of = [-0.4, -0.1, 0.2].map(|x| (turned(x), [0.2, 0.6], glowing(0.6)));
     let scene = cards(&of);
     let plain = draw(&scene, CANVAS, &view(None));
-    assert_eq!(differences(&draw(&scene, CANVAS, &view(lens(0.05))), &plain)[1], 0);
+    assert_eq!(differences(&draw(&scene, CANVAS, &view(Some(lens(0.05)))), &plain)[1], 0);
     let far = cards(&grid(60.0, 5.0));
     let plain = draw(&far, CANVAS, &view(None));
-    assert_eq!(differences(&draw(&far, CANVAS, &view(lens(1e-4))), &plain)[1], 0);
-    assert!(differences(&draw(&far, CANVAS, &view(lens(0.2))), &plain)[2] > 10_000);
+    assert_eq!(differences(&draw(&far, CANVAS, &view(Some(lens(1e-4)))), &plain)[1], 0);
+    assert!(differences(&draw(&far, CANVAS, &view(Some(lens(0.2)))), &plain)[2] > 10_000);
 }
 
 #[test]
@@ -190,7 +190,7 @@ fn tiles_agree_with_one_camera_where_discs_cross_borders() {
     let across = (DVec3::new(0.1, 0.1, -4.0), [0.3, 0.4], glowing(0.5));
     let of: Vec<_> = grid(60.0, 5.0).into_iter().chain([beside, across]).collect();
     let scene = cards(&of);
-    let blurred = view(lens(0.4));
+    let blurred = view(Some(lens(0.4)));
     for samples in [1, 4] {
         let whole = draw_sampled(&scene, CANVAS, samples, std::slice::from_ref(&blurred)).0;
         let mut total = [0; 3];
@@ -223,13 +223,13 @@ fn glass_and_unlit_colours_are_blurred_as_what_they_are() {
     let pane = (DVec3::new(0.0, 0.0, -4.0), [0.6, 0.6], glass);
     let scene = cards(&[lamp, pane]);
     let at = |of| pixel(&draw(&scene, CANVAS, &view(of)), CANVAS, 390, 260);
-    let [sharp, blurred] = [at(None), at(lens(0.3))];
+    let [sharp, blurred] = [at(None), at(Some(lens(0.3)))];
     assert!(sharp[0] > 4 * sharp[1].max(10), "{sharp:?}");
     assert!(sharp.iter().zip(blurred).all(|(a, b)| a.abs_diff(b) <= 2), "{sharp:?}, {blurred:?}");
     // The tone mapper never shows this colour.
     let unlit = Material { unlit: true, ..matt(1.0, 0.0, 0.0) };
     let scene = cards(&[(DVec3::new(0.0, 0.0, -40.0), [9.0, 9.0], unlit)]);
-    let neutral = ViewDesc { tone: ToneMapper::Neutral, ..view(lens(0.3)) };
+    let neutral = ViewDesc { tone: ToneMapper::Neutral, ..view(Some(lens(0.3))) };
     let shown = draw(&scene, CANVAS, &neutral);
     assert_eq!(pixel(&shown, CANVAS, 390, 260)[..3], [255, 0, 0]);
     let edges = (0..CANVAS[0]).filter(|x| (1..254).contains(&pixel(&shown, CANVAS, *x, 260)[0]));
@@ -248,8 +248,10 @@ fn blurred_corners_are_as_dark_as_sharp_ones() {
         stage.node(wall, DAffine3::from_rotation_translation(turn, at));
     }
     let scene = stage.build();
-    let occluded =
-        ViewDesc { ambient_occlusion: Some(AmbientOcclusion { radius: 2.0 }), ..view(lens(0.3)) };
+    let occluded = ViewDesc {
+        ambient_occlusion: Some(AmbientOcclusion { radius: 2.0 }),
+        ..view(Some(lens(0.3)))
+    };
     let sum = |view: &ViewDesc| lights(&scene, 1, view).iter().sum::<f64>();
     let sharp = sum(&ViewDesc { depth_of_field: None, ..occluded.clone() });
     let plain = sum(&ViewDesc { ambient_occlusion: None, ..occluded.clone() });
@@ -264,10 +266,10 @@ fn views_of_any_number_are_blurred_as_one_is() {
     let scene = cards(&grid(60.0, 5.0));
     let part = |at: u32| ViewDesc {
         scissor: Some([at % 10 * 78, at / 10 * 52, 78, 52]),
-        ..view(lens(0.3))
+        ..view(Some(lens(0.3)))
     };
     let views: Vec<ViewDesc> = (0..100).map(part).collect();
-    let wanted = draw_sampled(&scene, CANVAS, 4, &[view(lens(0.3))]).0;
+    let wanted = draw_sampled(&scene, CANVAS, 4, &[view(Some(lens(0.3)))]).0;
     let found = draw_sampled(&scene, CANVAS, 4, &views).0;
     let [differing, more, _] = differences(&found, &wanted);
     assert!(differing * 100 <= wanted.len() && more == 0, "{differing}, {more}");
@@ -279,10 +281,10 @@ fn plans_are_sharp_and_numbers_that_no_lens_has_are_refused() {
     let mut renderer = Renderer::new(gpu(), 1).unwrap();
     renderer.prepare(gpu(), &scene);
     let mut target = Target::new(gpu(), CANVAS, 1, true).unwrap();
-    let wrong = view(lens(0.0));
+    let wrong = view(Some(lens(0.0)));
     let error = renderer.draw(gpu(), &scene, &mut target, &[wrong]).unwrap_err();
     assert!(error.to_string().contains("aperture"), "{error}");
-    let mut flat = view(lens(0.3));
+    let mut flat = view(Some(lens(0.3)));
     flat.clip_from_view = glam::DMat4::from_scale(DVec3::new(0.02, 0.03, -0.01));
     renderer.draw(gpu(), &scene, &mut target, std::slice::from_ref(&flat)).unwrap();
     assert!(!renderer.frames.has_discs());
@@ -290,7 +292,7 @@ fn plans_are_sharp_and_numbers_that_no_lens_has_are_refused() {
     let plain = draw(&scene, CANVAS, &ViewDesc { depth_of_field: None, ..flat });
     assert_eq!(differences(shown.as_chunks::<4>().0, &plain)[1], 0);
     // Without it nothing is made, and what was blurred is sharp again.
-    renderer.draw(gpu(), &scene, &mut target, &[view(lens(0.3))]).unwrap();
+    renderer.draw(gpu(), &scene, &mut target, &[view(Some(lens(0.3)))]).unwrap();
     renderer.draw(gpu(), &scene, &mut target, &[view(None)]).unwrap();
     let shown = read_pixels(gpu(), &target).unwrap();
     let plain = draw(&scene, CANVAS, &view(None));

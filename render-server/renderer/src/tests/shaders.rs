@@ -199,16 +199,8 @@ fn uniforms_match_their_twins() {
     to_picture, offset, texels_per_pixel, focus_inverse, aperture_half, texels_per_radian,
     radius_max, texels_max }
     twin!("Sun", DirectionalLightRecord, toward, irradiance);
-    twin!(
-        "Lamp",
-        LocalLightRecord,
-        position,
-        inverse_range,
-        intensity,
-        directional,
-        direction,
-        cone
-    );
+    twin! { "Lamp", LocalLightRecord, position, inverse_range, intensity, directional, direction,
+    cone }
     twin!("Shadows", ShadowUniform, middle, error, suns);
     twin!("SunShadow", SunShadowRecord, right, count, up, toward, radius4, radii, cascades);
     twin!("LampShadow", LampShadowRecord, right, count, up, layer, near, scale, texel);
