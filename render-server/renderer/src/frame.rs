@@ -86,7 +86,7 @@ pub(crate) struct FrameResources {
     scratch: Scratch,
     records: Vec<InstanceRecord>,
     times: PassTimer,
-    /// Of the frame that is begun or submitted.
+    /// The timer of the frame that is begun or submitted.
     timer: FrameTimer,
     /// The end of the frame that was finished last.
     done: Option<Instant>,

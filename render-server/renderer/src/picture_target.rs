@@ -1,23 +1,23 @@
-//! What pictures that a frame is computed from are drawn onto: colour, samples, and depth.
+//! The target of pictures that a frame is computed from: colour, samples, and depth.
 
 use crate::gpu::Gpu;
 use crate::target::{DEPTH_FORMAT, LINEAR_FORMAT};
 
-/// What a picture is drawn onto.
+/// The target of a picture.
 #[derive(Debug)]
 pub(crate) struct PictureTarget {
     samples: u32,
     color: wgpu::TextureView,
     /// Only with several samples per texel.
     multisampled: Option<wgpu::TextureView>,
-    /// Of each sample.
+    /// The depth of each sample.
     depth: wgpu::TextureView,
     /// The depth is read later.
     keeps_depth: bool,
 }
 
 impl PictureTarget {
-    /// What a picture is drawn onto that ends up in one level of a texture.
+    /// A target whose colour is one level of a texture.
     pub fn new(gpu: &Gpu, color: wgpu::TextureView, samples: u32, keeps_depth: bool) -> Self {
         let wgpu::Extent3d { width, height, .. } = color.texture().size();
         let make = |label, format, usage| {
@@ -55,7 +55,7 @@ impl PictureTarget {
         self.samples
     }
 
-    /// What was drawn.
+    /// The resolved colour.
     pub fn color(&self) -> &wgpu::TextureView {
         &self.color
     }

@@ -35,7 +35,7 @@ pub struct BegunFrame {
     pub(super) is_culling: bool,
     /// The search for what is hidden; `None` if there is none.
     pub(super) depths: Option<OccluderDepths>,
-    /// What its passes are measured with.
+    /// Measures its passes.
     pub(super) timer: FrameTimer,
     /// Time that it took to find the items.
     pub(super) cull: Duration,

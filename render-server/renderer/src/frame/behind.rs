@@ -68,7 +68,7 @@ pub(super) struct PicturesOf<'a> {
     /// By view.
     pub regions: &'a [Vec<GuardedRegion>],
     pub occlusion: Option<OcclusionBinding>,
-    /// What is behind glass in each of them; `None` where they show no glass.
+    /// The pictures behind glass in each of them; `None` where they show no glass.
     pub behind: Option<BehindBinding>,
 }
 

@@ -25,7 +25,7 @@ use crate::target::Target;
 /// Textures that were not used in so many frames of channels leave their memory.
 const KEPT_FRAMES: u32 = 256;
 
-/// What depth of field needs from frame to frame; nothing of it before there is any.
+/// The pass and textures that are kept from frame to frame; none before they are needed.
 #[derive(Debug)]
 pub(super) struct DiscPictures {
     pass: Option<DepthOfFieldPass>,

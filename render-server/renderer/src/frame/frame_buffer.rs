@@ -51,7 +51,7 @@ impl FrameBuffer {
         self.buffer.insert(buffer)
     }
 
-    /// What was written last; `None` before anything was.
+    /// The buffer, with the bytes that were written last; `None` before any were.
     pub fn buffer(&self) -> Option<&wgpu::Buffer> {
         self.buffer.as_ref()
     }

@@ -21,14 +21,14 @@ use crate::scene::GpuScene;
 use crate::target::Target;
 use crate::tone::tone_map;
 
-/// What a frame shows beside the lists of its views.
+/// The parts of a frame beside the lists of its views.
 pub(super) struct FrameContent<'a> {
     /// Exposed light of the sky.
     pub sky: Vec3,
     pub tone: ToneMapper,
-    /// What is behind glass.
+    /// The picture behind glass.
     pub behind: Option<BehindBinding>,
-    /// What others hide, whose depth it begins with.
+    /// The occluders, whose depth it begins with, and the items that they hide.
     pub hidden_by: Option<(&'a OccluderPass, HiddenItems)>,
     /// There are maps of depth of field.
     pub is_blurred: bool,

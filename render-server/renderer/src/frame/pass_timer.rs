@@ -1,4 +1,4 @@
-//! How long the GPU takes for each pass of a frame, by timestamps where the adapter has them.
+//! The time that the GPU takes for each pass of a frame, by timestamps where the adapter has them.
 //!
 //! One frame in [`FRAMES`] is measured: timestamps split the work of some drivers.
 
@@ -16,7 +16,7 @@ const FRAMES: u64 = 8;
 /// Timestamps of a frame; what comes after them is not measured.
 const TIMESTAMPS_MAX: u32 = 256;
 
-/// What one frame is measured with.
+/// The queries and buffers of one frame.
 #[derive(Debug)]
 struct Measurement {
     queries: wgpu::QuerySet,
@@ -28,7 +28,7 @@ struct Measurement {
     is_there: Arc<AtomicBool>,
 }
 
-/// What the passes of one frame are measured with; nothing for most frames.
+/// Measures the passes of one frame; most frames are not measured.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct FrameTimer(Option<Arc<Measurement>>);
 

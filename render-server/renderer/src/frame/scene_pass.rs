@@ -5,10 +5,10 @@ use crate::pass::background::BackgroundDraw;
 use crate::pass::{opaque, transparent};
 use crate::target::Target;
 
-/// How the pass begins and ends.
+/// The begin and the end of the pass.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SceneEnds {
-    /// What it begins with.
+    /// The colour that it begins with.
     pub sky: wgpu::Color,
     /// It begins with the depth that the target has.
     pub has_depth: bool,

@@ -23,10 +23,10 @@ const RADIUS_MAX_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 /// of a camera that moves.
 const SIDE_STEP: u32 = 256;
 
-/// What is split and halved: see `Layers` in `depth_of_field.wgsl`.
+/// Formats of the layers that are split and halved: see `Layers` in `depth_of_field.wgsl`.
 const LAYER_FORMATS: [wgpu::TextureFormat; 4] = [Rgba16Float, Rg16Float, Rgba16Float, Rgba16Float];
 
-/// What is gathered: see `Gathered` there.
+/// Formats of the maps that are gathered: see `Gathered` there.
 const MAP_FORMATS: [wgpu::TextureFormat; 3] = [Rgba16Float, Rgba16Float, Rg16Float];
 
 /// Twin of `Lens` in `depth_of_field.wgsl`.
@@ -108,11 +108,13 @@ pub(crate) struct DiscLayers {
 impl DiscLayers {
     /// Textures that hold pictures of these sides: the ones that are held, if they do.
     pub fn new(gpu: &Gpu, held: Option<Self>, sides: [u32; 2], samples: u32) -> Self {
-        let size = grown(gpu, sides);
-        if let Some(held) = held.filter(|held| held.target.samples() == samples)
-            && held.target.size().iter().zip(size).all(|(has, wanted)| *has >= wanted)
-        {
-            return held;
+        let mut size = grown(gpu, sides);
+        if let Some(held) = held.filter(|held| held.target.samples() == samples) {
+            let has = held.target.size();
+            if has.iter().zip(size).all(|(has, wanted)| *has >= wanted) {
+                return held;
+            }
+            size = [size[0].max(has[0]), size[1].max(has[1])];
         }
         let whole = wgpu::TextureViewDescriptor::default();
         let color = picture_texture(gpu, "depth_of_field/picture", LINEAR_FORMAT, (size, 1));
@@ -136,7 +138,7 @@ impl DiscLayers {
     }
 }
 
-/// What was gathered for all views of a frame.
+/// The maps that are gathered for all views of a frame.
 #[derive(Debug)]
 pub(crate) struct DiscMaps {
     views: [wgpu::TextureView; 3],
@@ -145,12 +147,13 @@ pub(crate) struct DiscMaps {
 impl DiscMaps {
     /// Textures of these sides: the ones that are held, if they are as large.
     pub fn new(gpu: &Gpu, held: Option<Self>, sides: [u32; 2]) -> Self {
-        let size = grown(gpu, sides);
+        let mut size = grown(gpu, sides);
         if let Some(held) = held {
             let has = held.views[0].texture().size();
-            if [has.width, has.height].iter().zip(size).all(|(has, wanted)| *has >= wanted) {
+            if has.width >= size[0] && has.height >= size[1] {
                 return held;
             }
+            size = [size[0].max(has.width), size[1].max(has.height)];
         }
         let view = |format| {
             let texture = picture_texture(gpu, "depth_of_field/map", format, (size, 1));
@@ -168,8 +171,8 @@ fn grown(gpu: &Gpu, sides: [u32; 2]) -> [u32; 2] {
 /// Rectangles, each with the offset of its view's uniforms.
 type Parts<'a> = &'a [([u32; 4], u32)];
 
-/// What the stages read, in the order of their bindings: a picture and its depth, what is behind
-/// and in front, and the largest radii.
+/// The textures that a stage reads, in the order of their bindings: a picture and its depth,
+/// what is behind and in front, and the largest radii.
 struct Read<'a> {
     picture: &'a wgpu::TextureView,
     depth: &'a wgpu::TextureView,

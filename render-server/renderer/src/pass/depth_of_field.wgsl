@@ -16,7 +16,7 @@ const RING_STEPS: f32 = 2.5;
 // The part of a ring's texel that the middle one stands for, and all of them together.
 const MIDDLE_PART: f32 = 0.75;
 const ALL_PARTS: f32 = 18.75;
-// What is sharp counts as little where something else is to be seen through a blurred edge.
+// The weight of what is sharp where something else is to be seen through a blurred edge.
 const SHARP_WEIGHT: f32 = 0.001;
 // Halvings of the layers; twin of `LEVELS` in `guarded_region.rs`.
 const LEVELS: u32 = 6u;
@@ -90,7 +90,7 @@ fn radius_at(at: vec2<f32>, depth: f32, eye_from: mat4x4<f32>) -> f32 {
     return clamp(angle, -lens.radius_max, lens.radius_max) * lens.texels_per_radian;
 }
 
-// How blurred something is: a disc smaller than a texel is none.
+// The part of a place that is blurred: a disc smaller than a texel is none.
 fn blurred(radius: f32) -> f32 {
     return smoothstep(0.5, 1.5, abs(radius));
 }
@@ -199,7 +199,7 @@ fn gather_behind(at: vec2<f32>, radius: f32, steps: mat2x2<f32>, is_hidden: bool
     return Sum(sum, lit);
 }
 
-// What covers a texel from in front.
+// The discs that cover a texel from in front.
 fn gather_front(at: vec2<f32>, radius: f32, steps: mat2x2<f32>) -> Sum {
     let size = vec2<f32>(textureDimensions(front));
     let step = radius / RING_STEPS;
