@@ -348,11 +348,19 @@ fn check_steering(page: &Page, browser: &mut Browser) {
     browser.call("Input.dispatchMouseEvent", &wheel);
     await_shown(page, "a zoom", |shown| shown.camera.scale > turned.scale * 1.05);
     let zoomed = camera();
-    browser.value(
-        "document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', \
-         { key: 'ArrowLeft', bubbles: true }))",
-    );
+    let press = "document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', \
+                 { key: 'ArrowLeft', bubbles: true }))";
+    browser.value(press);
     await_shown(page, "a key", |shown| shown.camera.rotation != zoomed.rotation);
+    // A camera that others have just set, of which the page has no status yet.
+    let moved = Camera { position: before.position + DVec3::X, ..before };
+    page.local.client().set_camera(moved).expect("set");
+    // A camera is set with its rotation normalized.
+    let others = camera();
+    browser.value(press);
+    await_shown(page, "a key after others", |shown| shown.camera.rotation != others.rotation);
+    let apart = (camera().world_from_display(pivot) - others.world_from_display(pivot)).length();
+    assert!(apart < 1e-6 * before.scale, "from where others were: {apart}");
 }
 
 #[test]

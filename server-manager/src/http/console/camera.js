@@ -1,6 +1,6 @@
 // The camera: orbits around what is in the middle of the wall, or flies with the eye.
 
-import { ask } from "./requests.js";
+import { act, presentation } from "./requests.js";
 import { around, normalized, product, rotated } from "./quaternion.js";
 import { byId, on, state } from "./state.js";
 
@@ -20,11 +20,8 @@ function pivotInRoom() {
   return [wall.eye[0], wall.eye[1], wall.eye[2] - 1];
 }
 
-/** Turns, shifts (in metres of the room: right, up, back) or scales the camera around a point. */
-function move({ turn, shift, zoom }) {
-  const { camera, wall } = state;
-  if (!camera || !wall) return;
-  const pivot = isFlying() ? wall.eye : pivotInRoom();
+/** A camera turned, shifted (in metres of the room: right, up, back) or scaled around a point. */
+function moved(camera, { turn, shift, zoom, pivot }) {
   const at = rotated(camera.rotation, pivot.map((part) => part * camera.scale))
     .map((part, i) => part + camera.position[i]);
   let { rotation, scale } = camera;
@@ -40,21 +37,23 @@ function move({ turn, shift, zoom }) {
   }
   if (zoom) scale *= zoom;
   const back = rotated(rotation, pivot.map((part) => part * scale));
-  state.camera = { position: center.map((part, i) => part - back[i]), rotation, scale };
-  state.aim = state.camera;
-  sendCamera();
+  return { position: center.map((part, i) => part - back[i]), rotation, scale };
 }
 
+/** The moves that no frame has shown yet. */
+const moves = [];
 let isSending = false;
 
-/** Sends the last camera that was asked for; those between are left out. */
-async function sendCamera() {
+/** Moves the wall's camera. Moves that come while a frame is drawn make one camera. */
+async function move(change) {
+  if (!state.wall) return;
+  moves.push({ ...change, pivot: isFlying() ? state.wall.eye : pivotInRoom() });
   if (isSending) return;
   isSending = true;
-  while (state.aim) {
-    const sent = state.aim;
-    await ask("POST", "/api/v1/frame", { camera: sent }).catch(() => undefined);
-    if (state.aim === sent) state.aim = null;
+  while (moves.length) {
+    const shown = await presentation();
+    const asked = moves.splice(0);
+    if (shown) await act("POST", "/api/v1/frame", { camera: asked.reduce(moved, shown.camera) });
   }
   isSending = false;
 }

@@ -19,7 +19,6 @@ function show() {
   showDisplays();
   showLight();
   showViews();
-  if (!state.aim) state.camera = state.status.presentation.camera;
 }
 
 /** Time after which a page that was refused events asks for them again, in milliseconds. */

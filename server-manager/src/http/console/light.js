@@ -1,7 +1,7 @@
 // How scenes are lit: exposure, tone mapper, fog, glow, ambient occlusion and
 // depth of field.
 
-import { actAndDraw, log } from "./requests.js";
+import { actAndDraw, log, presentation } from "./requests.js";
 import { byId, isFree, on, state } from "./state.js";
 
 /** What is set by a number, none if it is empty: its path, and its value with that number. */
@@ -27,16 +27,17 @@ export function showLight() {
   show("focus", shown.depth_of_field?.focus ?? "");
 }
 
-function setNumber(id) {
+async function setNumber(id) {
   const [name, valueOf] = NUMBERS[id];
   const { value, validity } = byId(id);
   if (validity.badInput) {
     log(`${name.replaceAll("_", " ")}: write a number, or nothing for none`, true);
     return;
   }
-  const shown = state.status.presentation[name];
-  const wanted = value === "" ? null : valueOf(Number(value), shown);
-  actAndDraw("PUT", `/api/v1/${name}`, { [name]: wanted });
+  const shown = await presentation();
+  if (!shown) return;
+  const wanted = value === "" ? null : valueOf(Number(value), shown[name]);
+  await actAndDraw("PUT", `/api/v1/${name}`, { [name]: wanted });
 }
 
 /** Lets the controls of light work. */

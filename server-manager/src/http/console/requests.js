@@ -38,6 +38,11 @@ export async function ask(method, path, body, isShown = true) {
 /** Asks; a refusal stands in the list of events. Returns the answer, or undefined. */
 export const act = (method, path, body) => ask(method, path, body).catch(() => undefined);
 
+/** What the wall presents now, or undefined where it is not said. Changes of it start here: the
+    last status may be half a second old, and others change the wall too. */
+export const presentation = () =>
+  ask("GET", "/api/v1/presentation", undefined, false).catch(() => undefined);
+
 /** Asks without a line for curl: what the page reads by itself. */
 export const read = (path) => fetch(path)
   .then((answer) => answer.ok ? answer.json() : null).catch(() => null);

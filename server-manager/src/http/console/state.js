@@ -8,9 +8,6 @@ export const state = {
   statusAt: 0,
   /** The frame of the status before. */
   frameBefore: null,
-  /** The camera as it is shown, and as it was last asked for while that is on its way. */
-  camera: null,
-  aim: null,
 };
 
 export const byId = (id) => document.getElementById(id);

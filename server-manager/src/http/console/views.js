@@ -1,6 +1,6 @@
 // What is looked at: stored views, tours of them, views over parts of the wall, and the head.
 
-import { act, actAndDraw, read } from "./requests.js";
+import { act, actAndDraw, presentation, read } from "./requests.js";
 import { add, byId, isFree, on, state } from "./state.js";
 
 const TOUR_RATE = 30;
@@ -44,11 +44,26 @@ function part() {
   return { Screen: { screen, rect: [x, y, width, height] } };
 }
 
-function layOver() {
+async function layOver() {
   const chosen = stored.find(({ name }) => name === byId("part-view").value);
-  const camera = chosen?.camera ?? state.camera;
-  const view = { camera, area: part(), projection: "Wall", root: null, layers: null };
-  return setViews([...state.status.presentation.views, view]);
+  const area = part();
+  const shown = await presentation();
+  if (!shown) return;
+  const camera = chosen?.camera ?? shown.camera;
+  const view = { camera, area, projection: "Wall", root: null, layers: null };
+  await setViews([...shown.views, view]);
+}
+
+/** The part of the wall that a view lies over, in words. */
+function placeOf({ area: { Screen: part } }) {
+  return part ? `${state.wall.screens[part.screen].name}: ${part.rect.join(", ")}` : "the wall";
+}
+
+/** Takes the view away that lies over a place; others may have done so already. */
+async function takeAway(place) {
+  const views = (await presentation())?.views ?? [];
+  const at = views.findIndex((view) => placeOf(view) === place);
+  if (at >= 0) await setViews(views.toSpliced(at, 1));
 }
 
 const setViews = (views) => actAndDraw("PUT", "/api/v1/overlays", { views });
@@ -58,21 +73,18 @@ let shownViews = "";
 /** Shows the views over parts of the wall, and where the head is. */
 export function showViews() {
   const { views, head } = state.status.presentation;
-  const text = JSON.stringify(views.map((view) => view.area));
+  const places = views.map(placeOf);
+  const text = places.join("\n");
   if (text !== shownViews) {
     shownViews = text;
     const list = byId("parts");
     list.replaceChildren();
-    views.forEach((view, at) => {
+    places.forEach((place, at) => {
       const item = add(list, "li");
-      const of = view.area.Screen;
-      const screen = of && state.wall.screens[of.screen].name;
-      const where = of ? `${screen}: ${of.rect.join(", ")}` : "the wall";
-      add(item, "span", { textContent: `${where} ` });
+      add(item, "span", { textContent: `${place} ` });
       const remove = add(item, "button", { type: "button", textContent: "Take away" });
-      remove.setAttribute("aria-label", `Take away view ${at + 1} on ${where}`);
-      remove.addEventListener("click", () =>
-        setViews(state.status.presentation.views.filter((_, other) => other !== at)));
+      remove.setAttribute("aria-label", `Take away view ${at + 1} on ${place}`);
+      remove.addEventListener("click", () => takeAway(place));
     });
   }
   // All of the form: who has typed an axis goes on to the next one.
