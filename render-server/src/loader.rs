@@ -226,10 +226,7 @@ impl Loader {
         if scene.is_none() {
             self.sources.set_memory_warning(None);
         }
-        let environment = match &replica.environment {
-            None => None,
-            Some(environment) => Some(self.load_environment(environment, line)?),
-        };
+        let environment = self.load_environment(&replica, scene.as_ref(), line)?;
         let digest = replica.digest();
         let revision = replica.revision;
         let shapes = self.shapes(replica.wall.as_deref(), &maps);

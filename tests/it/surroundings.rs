@@ -56,6 +56,29 @@ fn hdr() -> Vec<u8> {
     bytes
 }
 
+/// The triangle, amid faces of a cube that shine brighter than 1; their images are files beside it.
+fn lit_triangle(place: &TestDir) {
+    let name = "EXT_lights_image_based";
+    let images = [250, 20, 90, 90, 60, 100].map(|red| {
+        let picture = RgbaImage::from_pixel(4, 4, image::Rgba([red, 120, 60, 85]));
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        picture.write_to(&mut bytes, image::ImageFormat::Png).expect("encoded");
+        place.write(&format!("face{red}.png"), bytes.get_ref());
+        json!({ "uri": format!("face{red}.png") })
+    });
+    let gltf = Gltf::triangle().with(|gltf| {
+        gltf.json["images"] = json!(images);
+        gltf.json["extensionsUsed"] = json!([name]);
+        gltf.json["extensions"] =
+            json!({ name: { "lights": [{ "specularImages": [[0, 1, 2, 3, 4, 5]] }] } });
+        gltf.json["scenes"][0]["extensions"] = json!({ name: { "light": 0 } });
+        gltf.json["materials"] =
+            json!([{ "doubleSided": true, "pbrMetallicRoughness": { "roughnessFactor": 0.0 } }]);
+        gltf.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    });
+    place.write("lit.glb", gltf.glb());
+}
+
 fn wall() -> LocalWall {
     let place = TestDir::new();
     place.write("studio.hdr", hdr());
@@ -141,6 +164,34 @@ fn surroundings_come_to_all_displays_and_outlive_servers_and_managers() {
     client.set_environment(EnvironmentSource::None).expect("set");
     assert_eq!(name(&client), None);
     check("without", &picture(&client), &before, &IDENTICAL);
+}
+
+#[test]
+fn surroundings_of_a_scene_are_shown_where_the_wall_has_none() {
+    let mut local = wall();
+    lit_triangle(&local.place);
+    let client = local.client();
+    client.open_scene("triangle.glb").expect("opened");
+    let other = picture(&client);
+    client.open_scene("lit.glb").expect("opened");
+    assert_eq!(name(&client), None, "the wall has none of its own");
+    let own = picture(&client);
+    // Behind the triangle: ahead is −Z, and the borders of the picture are nearer to it than to +X.
+    let corner = own.get_pixel(0, 0).0;
+    assert!(corner[1] > corner[0] && corner[0] > corner[2], "{corner:?}");
+    client.set_environment(file("studio.hdr")).expect("set");
+    let studio = picture(&client);
+    assert_ne!(studio.get_pixel(0, 0), own.get_pixel(0, 0));
+    client.set_environment(EnvironmentSource::None).expect("set");
+    check("its own again", &picture(&client), &own, &IDENTICAL);
+    let server = local.servers.keys().next().expect("a server").clone();
+    local.servers.remove(&server).expect("a server").kill();
+    local.await_lost(&client, &server);
+    local.start_server(&server);
+    await_states(&client, &[ChannelState::Live]);
+    check("joined", &picture(&client), &own, &IDENTICAL);
+    client.open_scene("triangle.glb").expect("opened");
+    check("they went with their scene", &picture(&client), &other, &IDENTICAL);
 }
 
 #[test]

@@ -111,6 +111,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Linear RGB radiance behind everything.
     pub sky: Vec3,
+    /// The blob of an [`EnvironmentMap`]: light from all around that the source brings along.
+    pub surroundings: Option<BlobHash>,
     /// The box that an overview shows, in world space: around everything drawn but what surrounds a
     /// far smaller rest, such as a sky or a sea; `None` if nothing is drawn.
     pub bounds: Option<Bounds>,
@@ -260,13 +262,13 @@ impl Scene {
         })
     }
 
-    /// The hashes of every mesh, of what moves it, and of every texture, in the order of the
-    /// manifest; one may stand twice.
+    /// The hashes of every mesh, of what moves it, of every texture, and of the surroundings; one
+    /// may stand twice.
     pub fn blobs(&self) -> impl Iterator<Item = BlobHash> + '_ {
         let primitives = self.meshes.iter().flat_map(|m| &m.primitives);
         let of_primitive = |p: &Primitive| [Some(p.blob), p.deformed.map(|of| of.blob)];
         let of_primitives = primitives.flat_map(of_primitive).flatten();
-        of_primitives.chain(self.textures.iter().map(|t| t.blob))
+        of_primitives.chain(self.textures.iter().map(|t| t.blob)).chain(self.surroundings)
     }
 
     /// Returns the fault of this manifest, if any: an index that points nowhere, a parent behind

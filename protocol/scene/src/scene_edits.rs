@@ -317,6 +317,7 @@ impl SceneEdits {
             textures: base.textures.clone(),
             lights: base.lights.clone(),
             sky: base.sky,
+            surroundings: base.surroundings,
             bounds: base.bounds,
             notes: base.notes.clone(),
             exposure: base.exposure,

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use polyptych_files::blob::BlobHash;
-use polyptych_protocol::environment::Environment;
+use polyptych_protocol::state_log::Replica;
 use polyptych_scene::EnvironmentMap;
 
-use super::{Loader, LoaderLink};
+use super::{Loader, LoaderLink, ReadyScene};
 
 /// The surroundings of scenes, decoded here and not between frames.
 #[derive(Clone, Debug)]
@@ -16,18 +16,23 @@ pub(crate) struct LoadedEnvironment {
 }
 
 impl Loader {
-    /// Returns those of before where they surround scenes still.
+    /// Returns the wall's surroundings, or else those that the scene brings along: those of before
+    /// where they surround scenes still.
     pub(super) fn load_environment(
         &self,
-        of: &Environment,
+        replica: &Replica,
+        scene: Option<&ReadyScene>,
         line: &LoaderLink,
-    ) -> Result<LoadedEnvironment, String> {
-        if let Some(ready) = self.ready_environment.as_ref().filter(|ready| ready.blob == of.blob) {
-            return Ok(ready.clone());
+    ) -> Result<Option<LoadedEnvironment>, String> {
+        let of_wall = replica.environment.as_ref().map(|of| (&of.name, of.blob));
+        let of_scene = || scene.and_then(|of| Some((&of.base.name, of.base.surroundings?)));
+        let Some((name, blob)) = of_wall.or_else(of_scene) else { return Ok(None) };
+        if let Some(ready) = self.ready_environment.as_ref().filter(|ready| ready.blob == blob) {
+            return Ok(Some(ready.clone()));
         }
-        let about = |reason| format!("environment {}: {reason}", of.name);
-        let bytes = self.blob(of.blob, line).map_err(about)?;
+        let about = |reason| format!("environment {name}: {reason}");
+        let bytes = self.blob(blob, line).map_err(about)?;
         let map = EnvironmentMap::decode(&bytes).map_err(about)?;
-        Ok(LoadedEnvironment { blob: of.blob, map: Arc::new(map) })
+        Ok(Some(LoadedEnvironment { blob, map: Arc::new(map) }))
     }
 }

@@ -15,7 +15,8 @@ use super::uri;
 pub(super) const JSON_BYTES_MAX: usize = 256 << 20;
 
 /// The extensions that a file may require.
-pub(super) const EXTENSIONS: [&str; 28] = [
+pub(super) const EXTENSIONS: [&str; 29] = [
+    "EXT_lights_image_based",
     "EXT_lod",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
@@ -48,9 +49,8 @@ pub(super) const EXTENSIONS: [&str; 28] = [
 
 /// Extensions without which a file's shapes stay as they are: one that requires them is drawn, with
 /// a note. Those of materials are known by how their names begin.
-const OF_APPEARANCE: [&str; 8] = [
+const OF_APPEARANCE: [&str; 7] = [
     "EXT_lights_ies",
-    "EXT_lights_image_based",
     "EXT_texture_avif",
     "KHR_audio_emitter",
     "KHR_xmp",

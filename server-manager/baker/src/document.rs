@@ -82,6 +82,9 @@ pub(super) struct DocumentExtensions {
     pub lights: Lights,
     #[serde(rename = "KHR_materials_variants")]
     pub variants: Variants,
+    /// Read once a scene names one of its lights.
+    #[serde(rename = "EXT_lights_image_based")]
+    pub image_based_lights: serde_json::Value,
 }
 
 /// `KHR_materials_variants` of the file: the names of all.
@@ -114,6 +117,7 @@ pub(super) type JsonLight = json::extensions::scene::khr_lights_punctual::Light;
 pub(super) struct Scene {
     pub name: String,
     pub nodes: Vec<u32>,
+    pub extensions: BTreeMap<String, serde_json::Value>,
 }
 
 /// A place, in f64.

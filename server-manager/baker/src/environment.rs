@@ -6,8 +6,10 @@
 //! | [`equirect`] | Radiance .hdr files | linear RGB radiance, its sizes and numbers checked |
 //! | [`sky`] | a clear sky | Preetham's model for a direction of the sun |
 //! | [`irradiance`] | diffuse light | 9 coefficients of spherical harmonics |
+//! | [`cube_light`] | light of a glTF file | the six faces of a cube, and their irradiance |
 //! | [`cube_map`], [`prefilter`] | reflections | levels of a cube map, ever rougher |
 
+pub(super) mod cube_light;
 mod cube_map;
 mod equirect;
 mod irradiance;
@@ -90,16 +92,25 @@ pub fn bake_environment(
 }
 
 fn environment_map(picture: &Equirect, cancel: &AtomicBool) -> Result<EnvironmentMap, BakeError> {
-    let diffuse = irradiance::diffuse(picture).map(|term| term.as_vec3().to_array());
+    let diffuse = irradiance::diffuse(picture);
     check(cancel)?;
     // A face covers a quarter of the picture's width.
     let side = (picture.width / 4).next_power_of_two().clamp(SIDE_MIN, SIDE_MAX);
-    let cube = CubeMap::of(picture, side);
+    prefiltered(&CubeMap::of(picture, side), diffuse, cancel)
+}
+
+fn prefiltered(
+    cube: &CubeMap,
+    diffuse: [DVec3; 9],
+    cancel: &AtomicBool,
+) -> Result<EnvironmentMap, BakeError> {
+    let side = cube.side;
     let mut texels = Vec::with_capacity(EnvironmentMap::texel_bytes_of(side));
-    for level in prefilter::levels(&cube, EnvironmentMap::levels_of(side)) {
+    for level in prefilter::levels(cube, EnvironmentMap::levels_of(side)) {
         check(cancel)?;
         texels.extend(level.into_iter().flat_map(texel));
     }
+    let diffuse = diffuse.map(|term| term.as_vec3().to_array());
     Ok(EnvironmentMap { side, diffuse, texels })
 }
 

@@ -239,15 +239,15 @@ mod tests {
             "materials": [milk, milk, { "extensions": { "KHR_materials_unlit": {} } }],
             "nodes": [other],
             "meshes": [{ "primitives": [{ "extensions": { "ACME_fur": {} } }, other] }],
-            "scenes": [{ "extensions": { "EXT_lights_image_based": { "light": 0 } } }],
-            "extensions": { "EXT_lights_image_based": { "lights": [] } },
+            "scenes": [{ "extensions": { "EXT_lights_ies": { "light": 0 } } }],
+            "extensions": { "EXT_lights_ies": { "lights": [] } },
         });
         assert_eq!(
             notes(&json, &["KHR_materials_volume_scatter", "ACME_smell", "EXT_mesh_features"]),
             [
                 "nodes: 1 is drawn without ACME_fog",
                 "meshes: 1 part is drawn without ACME_fur",
-                "extensions: EXT_lights_image_based is not drawn",
+                "extensions: EXT_lights_ies is not drawn",
                 "materials: 2 are drawn without KHR_materials_volume_scatter",
                 "extensionsUsed: ACME_smell is not supported",
             ]

@@ -31,6 +31,7 @@ mod exposure;
 mod extensions;
 mod extras;
 mod geometry;
+mod image_based_light;
 mod image_format;
 mod json;
 mod ktx2;
@@ -86,7 +87,7 @@ use source::GltfSource;
 use variants::ReplacedMaterials;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 19;
+const BAKER_VERSION: u32 = 20;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.
@@ -368,6 +369,7 @@ impl BakeJob<'_> {
         scene.textures = textures.list;
         scene.materials = palette.materials;
         placeholder::darken(&mut scene.materials, &textures.placeholders);
+        scene.surroundings = image_based_light::write(self)?;
         scene.exposure = exposure::suggest(&scene);
         if let Some(exposure) = scene.exposure {
             // The sky is ours, and stays as bright beside what it lights.

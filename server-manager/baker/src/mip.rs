@@ -182,7 +182,7 @@ fn srgb_of_linear(linear: f32) -> f32 {
 }
 
 /// IEC 61966-2-1, for every byte.
-fn linear_of_srgb() -> [f32; 256] {
+pub(super) fn linear_of_srgb() -> [f32; 256] {
     std::array::from_fn(|byte| {
         let srgb = byte as f32 / 255.0;
         if srgb <= 0.040_45 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) }

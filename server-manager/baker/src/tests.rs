@@ -8,6 +8,7 @@ pub(crate) mod builder;
 mod compressed;
 mod exposure;
 mod extras;
+mod image_based_light;
 mod image_formats;
 mod levels;
 mod lods;

@@ -57,6 +57,24 @@ struct Stored {
     is_placeholder: bool,
 }
 
+/// Pixels that may still be decoded. It bounds time, not memory: each image alone could be read.
+#[derive(Debug)]
+pub(super) struct PixelBudget(u64);
+
+impl PixelBudget {
+    pub fn new(job: &BakeJob<'_>) -> Self {
+        Self(PIXELS_TOGETHER_UNASKED + PIXELS_TOGETHER_PER_BYTE_MAX * job.source.bytes)
+    }
+
+    fn spend(&mut self, pixels: u64, place: &str) -> Result<(), BakeError> {
+        self.0 = self.0.checked_sub(pixels).ok_or_else(|| {
+            let what = format!("with its {pixels} pixels there are too many in such files");
+            BakeError::at(place, what, "fewer or smaller images would be right")
+        })?;
+        Ok(())
+    }
+}
+
 /// The textures of a scene.
 #[derive(Debug, Default)]
 pub(super) struct Textures {
@@ -71,8 +89,7 @@ pub(super) struct Textures {
 pub(super) fn write_all(job: &mut BakeJob<'_>, uses: &[TextureUse]) -> Result<Textures, BakeError> {
     let mut stored: BTreeMap<(Option<usize>, TextureKind, bool), Stored> = BTreeMap::new();
     let mut textures = Textures::default();
-    let bytes = job.source.bytes;
-    let mut pixels_left = PIXELS_TOGETHER_UNASKED + PIXELS_TOGETHER_PER_BYTE_MAX * bytes;
+    let mut budget = PixelBudget::new(job);
     for (i, used) in uses.iter().enumerate() {
         job.step("textures", i as u64, uses.len() as u64)?;
         let place = format!("textures[{}]", used.texture);
@@ -90,7 +107,7 @@ pub(super) fn write_all(job: &mut BakeJob<'_>, uses: &[TextureUse]) -> Result<Te
         let made = if let Some(stored) = stored.get(&key) {
             *stored
         } else {
-            let made = write(job, image, used.content, has_mips, &mut pixels_left)?;
+            let made = write(job, image, used.content, has_mips, &mut budget)?;
             stored.insert(key, made);
             made
         };
@@ -117,10 +134,10 @@ fn write(
     image: Option<usize>,
     content: TextureKind,
     has_mips: bool,
-    pixels_left: &mut u64,
+    budget: &mut PixelBudget,
 ) -> Result<Stored, BakeError> {
     let read = match image {
-        Some(index) => read(job, index, pixels_left)?,
+        Some(index) => read(job, index, budget)?,
         None => None,
     };
     let place = image.map_or_else(|| "textures".to_owned(), |index| format!("images[{index}]"));
@@ -148,32 +165,37 @@ fn write(
     Ok(Stored { blob, width, height, mip_count, is_placeholder })
 }
 
+/// Decodes an image, or says why it is missing or no image that can be read.
+pub(super) fn decoded(
+    job: &BakeJob<'_>,
+    index: usize,
+    budget: &mut PixelBudget,
+) -> Result<Result<Rgba8Image, String>, BakeError> {
+    let place = format!("images[{index}]");
+    let json = job.source.document.images.at(u32::try_from(index).unwrap_or(u32::MAX), &place)?;
+    let encoded = match job.source.image(index, job.cancel)? {
+        Ok(encoded) => encoded,
+        Err(reason) => return Ok(Err(reason)),
+    };
+    let named = || image_format::of_name(json.mime_type.as_deref(), json.uri.as_deref());
+    let pixels = pixels(&encoded, named);
+    if let Ok(pixels) = &pixels {
+        budget.spend(*pixels, &place)?;
+    }
+    Ok(pixels.and_then(|_| decode(&encoded)))
+}
+
 /// Reads an image. Notes why, and gives `None`, if it is missing or no image that can be read.
 fn read(
     job: &mut BakeJob<'_>,
     index: usize,
-    pixels_left: &mut u64,
+    budget: &mut PixelBudget,
 ) -> Result<Option<Rgba8Image>, BakeError> {
-    let place = format!("images[{index}]");
-    let json = job.source.document.images.at(u32::try_from(index).unwrap_or(u32::MAX), &place)?;
-    let read = match job.source.image(index, job.cancel)? {
-        Ok(encoded) => {
-            let named = || image_format::of_name(json.mime_type.as_deref(), json.uri.as_deref());
-            let pixels = pixels(&encoded, named);
-            // Time, not memory: each of these images alone could be read.
-            if let Ok(pixels) = &pixels {
-                *pixels_left = pixels_left.checked_sub(*pixels).ok_or_else(|| {
-                    let what = format!("with its {pixels} pixels there are too many in such files");
-                    BakeError::at(&place, what, "fewer or smaller images would be right")
-                })?;
-            }
-            pixels.and_then(|_| decode(&encoded))
-        }
-        Err(reason) => Err(reason),
-    };
-    match read {
+    match decoded(job, index, budget)? {
         Ok(picture) => Ok(Some(picture)),
         Err(reason) => {
+            let place = format!("images[{index}]");
+            let json = &job.source.document.images[index];
             let names = [Some(json.name.as_str()), json.uri.as_deref()];
             let is_name = |name: &&str| !name.is_empty() && !name.starts_with("data:");
             let name = names.into_iter().flatten().find(is_name);

@@ -115,6 +115,7 @@ pub fn scene() -> Scene {
         }],
         lights: vec![light],
         sky: Vec3::ONE,
+        surroundings: Some(BlobHash([4; 32])),
         bounds: Some(Bounds { min: DVec3::ZERO, max: DVec3::ONE }),
         notes: vec!["animations: 1 is not played".into()],
         exposure: Some(0.5),

@@ -142,10 +142,11 @@ pub(crate) struct Lights {
 
 impl Lights {
     /// All lights of the scene, and the default sun if there may be none: each can be in a layer
-    /// that is not shown. Baked light is light.
+    /// that is not shown. Baked light is light, and so are surroundings of the scene's own.
     pub fn new(desc: &Scene, world: &[DAffine3], traits: &NodeTraits) -> Self {
         let mut lights = Self::default();
-        let (mut layers, mut is_lit) = (0, desc.materials.iter().any(Material::has_baked_light));
+        let is_baked = desc.materials.iter().any(Material::has_baked_light);
+        let (mut layers, mut is_lit) = (0, is_baked || desc.surroundings.is_some());
         for (index, (node, world_from_node)) in desc.nodes.iter().zip(world).enumerate() {
             let Some(light) = node.light.map(|light| &desc.lights[light as usize]) else {
                 continue;

@@ -15,7 +15,7 @@ pub(super) struct CubeMap {
 
 /// The direction through a place of a face, from −1 to 1 right and down; not of length 1. Faces as
 /// Vulkan has them: +X −X +Y −Y +Z −Z.
-fn through(face: usize, right: f64, down: f64) -> DVec3 {
+pub(super) fn through(face: usize, right: f64, down: f64) -> DVec3 {
     match face {
         0 => DVec3::new(1.0, -down, -right),
         1 => DVec3::new(-1.0, -down, right),
@@ -97,6 +97,29 @@ impl CubeMap {
             width = half;
         }
         Self { side, levels }
+    }
+
+    /// The mean difference of texels on both sides of the borders of faces, as a part of what they
+    /// are: small where the faces hang together.
+    pub fn border_difference(&self) -> f64 {
+        let last = f64::from(self.side - 1);
+        let across = |face: usize, at: f64| {
+            let pairs = [
+                ([0.0, at], [-1.0, at]),
+                ([last, at], [last + 1.0, at]),
+                ([at, 0.0], [at, -1.0]),
+                ([at, last], [at, last + 1.0]),
+            ];
+            pairs.map(|pair| {
+                let texel = |[column, row]: [f64; 2]| self.texel(0, face, column, row);
+                let (near, far) = (texel(pair.0), texel(pair.1));
+                let sum = (near + far).element_sum();
+                if sum > 0.0 { f64::from((near - far).abs().element_sum() / sum) } else { 0.0 }
+            })
+        };
+        let places = (0..6).flat_map(|face| (0..self.side).map(move |at| (face, f64::from(at))));
+        let sum: f64 = places.flat_map(|(face, at)| across(face, at)).sum();
+        sum / (24.0 * f64::from(self.side))
     }
 
     /// The texels of the largest level.

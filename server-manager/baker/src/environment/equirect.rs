@@ -84,6 +84,16 @@ impl Equirect {
         Ok(Self { width, height, pixels })
     }
 
+    /// The picture of radiance that is finite and 0 or more, this wide and half as high.
+    pub fn of(width: u32, radiance: impl Fn(DVec3) -> Vec3) -> Self {
+        let height = width / 2;
+        let pixel = |index: u32| {
+            let u = (f64::from(index % width) + 0.5) / f64::from(width);
+            radiance(Self::direction(u, (f64::from(index / width) + 0.5) / f64::from(height)))
+        };
+        Self { width, height, pixels: (0..width * height).map(pixel).collect() }
+    }
+
     /// The direction of a place, from 0 to 1 along both sides.
     pub fn direction(u: f64, v: f64) -> DVec3 {
         let (around, down) = ((u - 0.5) * TAU, v * PI);

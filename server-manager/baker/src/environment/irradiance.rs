@@ -31,6 +31,32 @@ fn harmonics(n: DVec3) -> [(f64, f64); 9] {
 /// The cosine's own coefficients over π, by band: Ramamoorthi and Hanrahan, equation 8.
 const BANDS: [f64; 9] = [1.0, 2.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 0.25, 0.25, 0.25, 0.25, 0.25];
 
+/// Returns what factors of the spherical harmonics stand for in a direction.
+pub(super) fn evaluate(terms: &[DVec3; 9], n: DVec3) -> DVec3 {
+    let harmonics = terms.iter().zip(harmonics(n));
+    harmonics.map(|(term, (factor, polynomial))| *term * (factor * polynomial)).sum()
+}
+
+/// Returns a function of the second order as factors of the polynomials of
+/// [`diffuse`](polyptych_scene::EnvironmentMap::diffuse). Gauss' three heights times six meridians
+/// integrate its products with them exactly.
+pub(super) fn expand(of: impl Fn(DVec3) -> DVec3) -> [DVec3; 9] {
+    let outer = 0.6f64.sqrt();
+    let mut sums = [DVec3::ZERO; 9];
+    for (z, weight) in [(-outer, 5.0 / 9.0), (0.0, 8.0 / 9.0), (outer, 5.0 / 9.0)] {
+        for meridian in 0..6 {
+            let (sin, cos) = (f64::from(meridian) * PI / 3.0).sin_cos();
+            let level = (1.0 - z * z).sqrt();
+            let n = DVec3::new(level * cos, level * sin, z);
+            let value = of(n) * (weight * PI / 3.0);
+            for (sum, (factor, polynomial)) in sums.iter_mut().zip(harmonics(n)) {
+                *sum += value * (factor * factor * polynomial);
+            }
+        }
+    }
+    sums
+}
+
 /// Returns irradiance over π as factors of the polynomials of
 /// [`diffuse`](polyptych_scene::EnvironmentMap::diffuse), integrated over all pixels in f64.
 pub(super) fn diffuse(picture: &Equirect) -> [DVec3; 9] {

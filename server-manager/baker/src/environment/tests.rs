@@ -2,28 +2,23 @@
 
 use std::f64::consts::PI;
 
-use glam::{DVec3, Vec3};
+use glam::{DQuat, DVec3, Vec3};
 use polyptych_scene::EnvironmentMap;
 use tempfile::TempDir;
 
-use super::cube_map::CubeMap;
+use super::cube_light::CubeLight;
+use super::cube_map::{CubeMap, through};
 use super::equirect::Equirect;
 use super::*;
 
 /// A dim gradient with a bright, soft spot that has a colour.
 fn surroundings(width: u32) -> Equirect {
-    let height = width / 2;
     let spot = DVec3::new(0.6, 0.5, -0.62).normalize();
-    let pixel = |index: u32| {
-        let (x, y) = (index % width, index / width);
-        let u = (f64::from(x) + 0.5) / f64::from(width);
-        let from = Equirect::direction(u, (f64::from(y) + 0.5) / f64::from(height));
+    Equirect::of(width, |from| {
         let bright = (8.0 * (from.dot(spot) - 1.0)).exp();
         let dim = DVec3::new(0.3, 0.4, 0.6) * (0.6 + 0.4 * from.y);
         (dim + DVec3::new(4.0, 3.0, 2.0) * bright).as_vec3()
-    };
-    let pixels = (0..width * height).map(pixel).collect();
-    Equirect::checked(width, height, pixels).expect("radiance")
+    })
 }
 
 fn directions() -> impl Iterator<Item = DVec3> {
@@ -124,6 +119,92 @@ fn halves_are_the_nearest() {
         assert_eq!(half(number), bits, "{number}");
     }
     assert_eq!((half(1e9), half(0.0), half(6e-8)), (half(RADIANCE_MAX), 0, 1));
+}
+
+/// A place of a face as `EXT_lights_image_based` has it: as it is seen from inside, where right is
+/// ahead × up.
+fn of_text(face: usize, right: f64, down: f64) -> DVec3 {
+    let ahead = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z][face];
+    let up = [DVec3::Y, DVec3::Y, DVec3::NEG_Z, DVec3::Z, DVec3::Y, DVec3::Y][face];
+    ahead + ahead.cross(up) * right - up * down
+}
+
+/// A place of a face as Babylon.js has it in a right-handed scene: z is looked up as −z.
+fn of_babylon(face: usize, right: f64, down: f64) -> DVec3 {
+    through(face, right, down) * DVec3::new(1.0, 1.0, -1.0)
+}
+
+/// A light whose faces have the radiance of a picture in the directions of their places.
+fn cube_light(picture: &Equirect, place: impl Fn(usize, f64, f64) -> DVec3) -> CubeLight {
+    let side = 64;
+    let at = |index: usize| (2.0 * index as f64 + 1.0) / f64::from(side) - 1.0;
+    let count = (side * side) as usize;
+    let texel = |index: usize| {
+        let (face, of) = (index / count, index % count);
+        let place = place(face, at(of % side as usize), at(of / side as usize));
+        picture.radiance(place.normalize())
+    };
+    let texels = (0..6 * count).map(texel).collect();
+    CubeLight { side, texels, irradiance: None, rotation: DQuat::IDENTITY, intensity: 1.0 }
+}
+
+/// The largest level of a map as radiance by direction.
+fn largest_level(map: &EnvironmentMap) -> Vec<(DVec3, Vec3)> {
+    let side = map.side as usize;
+    let at = |index: usize| (2.0 * index as f64 + 1.0) / side as f64 - 1.0;
+    let number = |bytes: &[u8]| {
+        let bits = u32::from(u16::from_le_bytes([bytes[0], bytes[1]]));
+        // All of these are no subnormal halves.
+        f32::from_bits((bits << 13) + (112 << 23))
+    };
+    let texel = |(index, of): (usize, &[u8])| {
+        let (face, place) = (index / (side * side), index % (side * side));
+        let from = through(face, at(place % side), at(place / side)).normalize();
+        (from, Vec3::new(number(&of[..2]), number(&of[2..4]), number(&of[4..6])))
+    };
+    map.texels.chunks_exact(8).take(6 * side * side).enumerate().map(texel).collect()
+}
+
+#[test]
+fn lights_of_files_are_found_in_both_orders_of_faces_and_turned() {
+    let picture = surroundings(512);
+    let never = AtomicBool::new(false);
+    let turn = DQuat::from_axis_angle(DVec3::new(0.2, 0.9, -0.3).normalize(), 1.1);
+    for (is_babylon, rotation) in
+        [(false, DQuat::IDENTITY), (true, DQuat::IDENTITY), (false, turn), (true, turn)]
+    {
+        let place = if is_babylon { of_babylon } else { of_text };
+        let light = CubeLight { rotation, intensity: 2.0, ..cube_light(&picture, place) };
+        let map = light.map(&never).expect("a map");
+        // Where nothing is turned, texels are those of the faces, but for what halves cannot hold.
+        let bound = if rotation == DQuat::IDENTITY { 2e-3 } else { 2e-2 };
+        for (from, got) in largest_level(&map) {
+            let expected = picture.radiance(rotation.inverse() * from) * 2.0;
+            let off = (got - expected).abs().max_element();
+            assert!(off < bound * expected.max_element(), "{from}: {got}, not {expected}");
+        }
+        // The same light by its irradiance, in the axes of the faces.
+        let factors = irradiance::expand(|of| irradiance::evaluate(&[DVec3::ONE; 9], of));
+        let lambert = irradiance::diffuse(&picture);
+        let terms = std::array::from_fn(|term| {
+            let is_mirrored = is_babylon && matches!(term, 2 | 5 | 7);
+            lambert[term] / factors[term] * if is_mirrored { -PI } else { PI }
+        });
+        let said = CubeLight { irradiance: Some(terms), ..light }.map(&never).expect("a map");
+        for n in directions() {
+            let of = |map: &EnvironmentMap| {
+                evaluate(&map.diffuse.map(|term| Vec3::from(term).as_dvec3()), n)
+            };
+            let expected = evaluate(&lambert, rotation.inverse() * n) * 2.0;
+            let [computed, said] = [&map, &said].map(of);
+            assert!(
+                (said - expected).length() < 1e-5 * expected.length(),
+                "{said}, not {expected}"
+            );
+            let off = (computed - expected).length();
+            assert!(off < 0.01 * expected.length(), "{computed}, not {expected}");
+        }
+    }
 }
 
 /// A Radiance file without compression.
