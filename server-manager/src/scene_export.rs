@@ -6,6 +6,8 @@
 
 mod description;
 mod finest_level;
+mod picture;
+mod surroundings;
 #[cfg(test)]
 mod tests;
 
@@ -34,6 +36,7 @@ use polyptych_text::counted;
 use crate::import::read_scene;
 use description::{NodeJson, light_json, sampler_json};
 use finest_level::FinestLevel;
+use picture::png;
 
 /// Writes a scene into a nameless file in `folder`, and returns its description and all of its
 /// bytes. Calls `step` with the percentage that is done; `false` ends it.
@@ -105,6 +108,7 @@ struct Lists {
     samplers: JsonList,
     images: JsonList,
     lights: JsonList,
+    image_based_lights: JsonList,
 }
 
 impl Lists {
@@ -118,8 +122,12 @@ impl Lists {
             ("samplers", &self.samplers),
             ("images", &self.images),
         ];
-        let lights = format!(r#"{{"KHR_lights_punctual":{}}}"#, self.lights.as_member("lights"));
-        file.finish(&lists, (!self.lights.is_empty()).then_some(&lights))
+        let lights =
+            [("KHR_lights_punctual", &self.lights), (surroundings::NAME, &self.image_based_lights)];
+        let lights = lights.into_iter().filter(|(_, list)| !list.is_empty());
+        let lights = lights.map(|(name, list)| format!(r#""{name}":{}"#, list.as_member("lights")));
+        let lights = lights.collect::<Vec<_>>().join(",");
+        file.finish(&lists, (!lights.is_empty()).then_some(&format!("{{{lights}}}")))
     }
 }
 
@@ -180,6 +188,7 @@ impl<'a> SceneWriter<'a> {
         for mesh in meshes {
             parts.insert(mesh, self.mesh(mesh, &materials, &mut lists)?);
         }
+        self.surroundings(&mut lists)?;
         self.nodes(ids, edits, &parts, &mut lists)?;
         if !scene.variants.is_empty() {
             self.notes.push("variants: the file has the look that is shown, no other".to_owned());
@@ -197,14 +206,17 @@ impl<'a> SceneWriter<'a> {
             return Err(ExportError::Other("nobody waits for the export any more".to_owned()));
         }
         self.done += bytes;
-        let other = ExportError::Other;
-        let blob = self.store.read(hash).map_err(|error| other(error.to_string()))?;
-        let blob = blob.ok_or_else(|| other(format!("blob {hash} is not in the store")))?;
+        let blob = self.stored(hash)?;
         if blob.len() as u64 != bytes {
             let reason = format!("blob {hash} has {} bytes instead of {bytes}", blob.len());
-            return Err(other(reason));
+            return Err(ExportError::Other(reason));
         }
         Ok(blob)
+    }
+
+    fn stored(&self, hash: BlobHash) -> Result<Bytes, ExportError> {
+        let blob = self.store.read(hash).map_err(|error| ExportError::Other(error.to_string()))?;
+        blob.ok_or_else(|| ExportError::Other(format!("blob {hash} is not in the store")))
     }
 
     /// Writes these textures; returns the new number of each.
@@ -450,11 +462,15 @@ impl<'a> SceneWriter<'a> {
         if !lists.lights.is_empty() {
             self.file.use_extension("KHR_lights_punctual");
         }
-        let name = quoted(&self.scene.name);
-        let nodes = roots.as_member("nodes");
-        let comma = if roots.is_empty() { "" } else { "," };
-        let scene = format!(r#"{{"name":{name}{comma}{}"#, nodes.trim_start_matches('{'));
-        lists.scenes.push(&scene);
+        let mut scene = format!(r#"{{"name":{}"#, quoted(&self.scene.name));
+        if !lists.image_based_lights.is_empty() {
+            let _ = write!(scene, r#","extensions":{{"{}":{{"light":0}}}}"#, surroundings::NAME);
+        }
+        if !roots.is_empty() {
+            scene += ",";
+            scene += roots.as_member("nodes").trim_start_matches('{').trim_end_matches('}');
+        }
+        lists.scenes.push(&(scene + "}"));
         Ok(())
     }
 }
@@ -476,20 +492,4 @@ fn place_of(of: &polyptych_scene::Instance) -> DAffine3 {
         of.rotation.as_dquat(),
         of.translation.as_dvec3(),
     )
-}
-
-/// The largest level of a texture as a PNG file.
-fn png(width: u32, height: u32, levels: &[u8]) -> Result<Vec<u8>, ExportError> {
-    let pixels = levels.get(..width as usize * height as usize * 4).unwrap_or_default();
-    let mut file = Vec::new();
-    let mut encoder = png::Encoder::new(&mut file, width, height);
-    encoder.set_color(png::ColorType::Rgba);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_compression(png::Compression::Fast);
-    let written = encoder.write_header().and_then(|mut writer| {
-        writer.write_image_data(pixels)?;
-        writer.finish()
-    });
-    written.map_err(|error| ExportError::Other(format!("a texture is no picture: {error}")))?;
-    Ok(file)
 }

@@ -25,6 +25,20 @@ const HEAD_BYTES: usize = 8 + 27 * 4;
 /// The largest radiance that a texel has. A renderer's float target holds no more.
 pub const RADIANCE_MAX: f32 = 60000.0;
 
+/// Factors of the real spherical harmonics `Y₀₀, Y₁₋₁, Y₁₀, Y₁₁, Y₂₋₂, Y₂₋₁, Y₂₀, Y₂₁, Y₂₂`, beside
+/// the polynomials of [`EnvironmentMap::diffuse`], which stand in this order.
+pub const HARMONICS: [f64; 9] = [
+    0.282_094_791_773_878_14,
+    0.488_602_511_902_919_9,
+    0.488_602_511_902_919_9,
+    0.488_602_511_902_919_9,
+    1.092_548_430_592_079_2,
+    1.092_548_430_592_079_2,
+    0.315_391_565_252_520_05,
+    1.092_548_430_592_079_2,
+    0.546_274_215_296_039_6,
+];
+
 /// Maximum size of an encoded map, in bytes.
 pub const ENVIRONMENT_BYTES_MAX: usize = 17 << 20;
 
@@ -59,6 +73,14 @@ impl EnvironmentMap {
         let side_of = |level: u32| (side >> level) as usize;
         let texels = (0..Self::levels_of(side)).map(|level| 6 * side_of(level).pow(2));
         texels.sum::<usize>() * TEXEL_BYTES
+    }
+
+    /// Returns the radiance of all texels in their order: linear RGB.
+    pub fn radiance(&self) -> impl Iterator<Item = [f32; 3]> + '_ {
+        let number =
+            |texel: &[u8], at: usize| number(u16::from_le_bytes([texel[at], texel[at + 1]]));
+        let of = move |texel| [0, 2, 4].map(|at| number(texel, at));
+        self.texels.chunks_exact(TEXEL_BYTES).map(of)
     }
 
     /// Returns the map as a blob.
@@ -110,9 +132,27 @@ impl EnvironmentMap {
     }
 }
 
+/// The number of an IEEE 754 binary16 that is finite and 0 or more.
+fn number(half: u16) -> f32 {
+    let (exponent, fraction) = (half >> 10 & 0x1f, f32::from(half & 0x3ff) / 1024.0);
+    if exponent == 0 {
+        return fraction * (-14f32).exp2();
+    }
+    (1.0 + fraction) * (f32::from(exponent) - 15.0).exp2()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn halves_are_read() {
+        let known = [(0, 0.0), (1, 5.960_464_5e-8), (0x3c00, 1.0), (0x3555, 0.333_251_95)];
+        for (bits, expected) in known {
+            assert_eq!(number(bits), expected, "{bits:x}");
+        }
+        assert_eq!(number(0x7b53), RADIANCE_MAX);
+    }
 
     fn map() -> EnvironmentMap {
         let texels = vec![0x11; EnvironmentMap::texel_bytes_of(64)];

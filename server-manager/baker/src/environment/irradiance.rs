@@ -8,24 +8,15 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use polyptych_scene::environment_map::HARMONICS;
 
 use super::equirect::Equirect;
 
-/// Real spherical harmonics of a unit vector: `Y₀₀, Y₁₋₁, Y₁₀, Y₁₁, Y₂₋₂, Y₂₋₁, Y₂₀, Y₂₁, Y₂₂`, as
-/// factor and polynomial.
+/// Real spherical harmonics of a unit vector, as [`HARMONICS`] and polynomials.
 fn harmonics(n: DVec3) -> [(f64, f64); 9] {
     let DVec3 { x, y, z } = n;
-    [
-        (0.282_094_791_773_878_14, 1.0),
-        (0.488_602_511_902_919_9, y),
-        (0.488_602_511_902_919_9, z),
-        (0.488_602_511_902_919_9, x),
-        (1.092_548_430_592_079_2, x * y),
-        (1.092_548_430_592_079_2, y * z),
-        (0.315_391_565_252_520_05, 3.0 * z * z - 1.0),
-        (1.092_548_430_592_079_2, x * z),
-        (0.546_274_215_296_039_6, x * x - y * y),
-    ]
+    let polynomials = [1.0, y, z, x, x * y, y * z, 3.0 * z * z - 1.0, x * z, x * x - y * y];
+    std::array::from_fn(|term| (HARMONICS[term], polynomials[term]))
 }
 
 /// The cosine's own coefficients over π, by band: Ramamoorthi and Hanrahan, equation 8.
@@ -78,7 +69,6 @@ pub(super) fn diffuse(picture: &Equirect) -> [DVec3; 9] {
         }
     }
     // The factor of the harmonic itself goes in too, so that shaders need only the polynomials.
-    let factors = harmonics(DVec3::X).map(|(factor, _)| factor);
     let sphere = 4.0 * PI / whole;
-    std::array::from_fn(|term| sums[term] * (factors[term] * BANDS[term] * sphere))
+    std::array::from_fn(|term| sums[term] * (HARMONICS[term] * BANDS[term] * sphere))
 }

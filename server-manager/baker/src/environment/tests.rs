@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use glam::{DQuat, DVec3, Vec3};
 use polyptych_scene::EnvironmentMap;
+use polyptych_scene::environment_map::HARMONICS;
 use tempfile::TempDir;
 
 use super::cube_light::CubeLight;
@@ -152,17 +153,12 @@ fn cube_light(picture: &Equirect, place: impl Fn(usize, f64, f64) -> DVec3) -> C
 fn largest_level(map: &EnvironmentMap) -> Vec<(DVec3, Vec3)> {
     let side = map.side as usize;
     let at = |index: usize| (2.0 * index as f64 + 1.0) / side as f64 - 1.0;
-    let number = |bytes: &[u8]| {
-        let bits = u32::from(u16::from_le_bytes([bytes[0], bytes[1]]));
-        // All of these are no subnormal halves.
-        f32::from_bits((bits << 13) + (112 << 23))
-    };
-    let texel = |(index, of): (usize, &[u8])| {
+    let texel = |(index, of): (usize, [f32; 3])| {
         let (face, place) = (index / (side * side), index % (side * side));
         let from = through(face, at(place % side), at(place / side)).normalize();
-        (from, Vec3::new(number(&of[..2]), number(&of[2..4]), number(&of[4..6])))
+        (from, Vec3::from(of))
     };
-    map.texels.chunks_exact(8).take(6 * side * side).enumerate().map(texel).collect()
+    map.radiance().take(6 * side * side).enumerate().map(texel).collect()
 }
 
 #[test]
@@ -184,11 +180,10 @@ fn lights_of_files_are_found_in_both_orders_of_faces_and_turned() {
             assert!(off < bound * expected.max_element(), "{from}: {got}, not {expected}");
         }
         // The same light by its irradiance, in the axes of the faces.
-        let factors = irradiance::expand(|of| irradiance::evaluate(&[DVec3::ONE; 9], of));
         let lambert = irradiance::diffuse(&picture);
         let terms = std::array::from_fn(|term| {
             let is_mirrored = is_babylon && matches!(term, 2 | 5 | 7);
-            lambert[term] / factors[term] * if is_mirrored { -PI } else { PI }
+            lambert[term] / HARMONICS[term] * if is_mirrored { -PI } else { PI }
         });
         let said = CubeLight { irradiance: Some(terms), ..light }.map(&never).expect("a map");
         for n in directions() {
