@@ -247,10 +247,9 @@ impl Loader {
         self.upload(Upload::Finish { state: Arc::new(state), answer })?;
         let scene_bytes = finished.recv().map_err(|_| "the render thread has ended")??;
         self.ready = Some((epoch, replica));
-        let features = scene.as_ref().map_or_else(SceneFeatures::default, |scene| scene.features);
-        let features = features.names().into_iter();
-        let surrounded = environment.as_ref().map(|_| "environment");
-        let features = features.chain(surrounded).map(Into::into).collect();
+        let mut features = scene.as_ref().map_or_else(SceneFeatures::default, |of| of.features);
+        features.environment = environment.is_some();
+        let features = features.names().into_iter().map(Into::into).collect();
         (self.ready_scene, self.ready_environment) = (scene, environment);
         let detail_reach = self.ready_scene.as_ref().and_then(ReadyScene::detail_reach);
         Ok(Prepared { epoch, revision, digest, features, scene_bytes, detail_reach })

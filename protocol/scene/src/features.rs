@@ -21,7 +21,7 @@ pub struct SceneFeatures {
     pub vertex_colors: bool,
     /// Unlit materials.
     pub unlit: bool,
-    /// Lights of its own; without any and without baked light, the default sun shines.
+    /// Lights of its own; without any, baked light and surroundings, the default sun shines.
     pub lights: bool,
     /// A mesh that stands in more than one place.
     pub instances: bool,
@@ -63,6 +63,9 @@ pub struct SceneFeatures {
     /// Materials with `MOZ_lightmap`.
     #[serde(default)]
     pub baked_light: bool,
+    /// Surroundings: those of the scene's own, or on a server those that are shown.
+    #[serde(default)]
+    pub environment: bool,
 }
 
 impl SceneFeatures {
@@ -104,6 +107,7 @@ impl SceneFeatures {
             iridescence: extends(|of| of.iridescence.is_some()),
             diffuse_transmission: extends(|of| of.diffuse_transmission.is_some()),
             baked_light: any(super::Material::has_baked_light),
+            environment: scene.surroundings.is_some(),
             sun_shadows: lights().any(|of| of.casts_shadows() && of.lamp_map_count() == 0),
             lamp_shadows: lights().any(|of| of.lamp_map_count() > 0),
         }
@@ -133,6 +137,7 @@ impl SceneFeatures {
             (self.iridescence, "iridescence"),
             (self.diffuse_transmission, "diffuse_transmission"),
             (self.baked_light, "baked_light"),
+            (self.environment, "environment"),
         ]
         .into_iter()
         .filter_map(|(needed, name)| needed.then_some(name))

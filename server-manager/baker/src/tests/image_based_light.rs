@@ -44,6 +44,7 @@ fn a_light_of_the_scene_becomes_its_surroundings() {
     assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
     let blob = scene.surroundings.expect("surroundings");
     assert!(scene.blobs().any(|of| of == blob), "they are delivered with the scene");
+    assert!(polyptych_scene::SceneFeatures::from_scene(&scene).environment);
     let bytes = place.store.blobs().read(blob).expect("read").expect("there");
     let map = EnvironmentMap::decode(&bytes).expect("a map");
     let linear = |code: f32| ((code / 255.0 + 0.055) / 1.055).powf(2.4);
