@@ -14,6 +14,9 @@ use super::texture::{self, PixelBudget};
 /// The extension's name.
 pub(super) const NAME: &str = "EXT_lights_image_based";
 
+/// The largest number of a light: what is computed with it stays far from the end of f32.
+const NUMBER_MAX: f64 = 1e6;
+
 /// The extension of a scene.
 #[derive(Debug, Deserialize)]
 struct SceneJson {
@@ -67,12 +70,13 @@ fn light(of_scene: &serde_json::Value, of_file: &serde_json::Value) -> Result<Li
         return Err(format!("lights[{light}] is not there; the file has {}", file.lights.len()));
     }
     let light = file.lights.swap_remove(light);
-    let is_number = |of: &DVec3| of.is_finite();
-    if !light.irradiance_coefficients.iter().flatten().all(is_number) {
-        return Err("a number of irradianceCoefficients is not finite".into());
+    let is_beyond = |of: &&DVec3| of.abs().max_element() > NUMBER_MAX;
+    if let Some(of) = light.irradiance_coefficients.iter().flatten().find(is_beyond) {
+        let right = format!("numbers of at most {NUMBER_MAX} would be right");
+        return Err(format!("its irradianceCoefficients have {:?}; {right}", of.to_array()));
     }
-    if let Some(intensity) = light.intensity.filter(|of| !(of.is_finite() && *of >= 0.0)) {
-        return Err(format!("its intensity is {intensity}; 0 or more would be right"));
+    if let Some(intensity) = light.intensity.filter(|of| !(0.0..=NUMBER_MAX).contains(of)) {
+        return Err(format!("its intensity is {intensity:?}; 0 to {NUMBER_MAX} would be right"));
     }
     if let Some(rotation) = light.rotation
         && rotation.normalize().is_nan()

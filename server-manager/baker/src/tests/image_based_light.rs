@@ -93,7 +93,12 @@ fn what_cannot_be_read_is_told_and_left_out() {
     let view = words.view(b"no picture", None);
     words.json["images"][3]["bufferView"] = json!(view);
     for (builder, part) in [
-        (with("intensity", json!(-1)), "its intensity is -1; 0 or more would be right"),
+        (with("intensity", json!(-1)), "its intensity is -1.0; 0 to 1000000 would be right"),
+        (with("intensity", json!(1e300)), "is 1e300; 0 to 1000000 would be right"),
+        (
+            with("irradianceCoefficients", json!(vec![[1e39, 0.0, 0.0]; 9])),
+            "at most 1000000 would be",
+        ),
         (with("rotation", json!([0, 0, 0, 0])), "a quaternion would be right"),
         (with("rotation", json!([1, 2])), "cannot be read"),
         (with("irradianceCoefficients", json!([[1, 2, 3]])), "cannot be read"),
