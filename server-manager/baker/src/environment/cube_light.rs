@@ -10,7 +10,7 @@ use std::sync::atomic::AtomicBool;
 
 use glam::{DQuat, DVec3, Vec3};
 use polyptych_scene::EnvironmentMap;
-use polyptych_scene::environment_map::{SIDE_MAX, SIDE_MIN};
+use polyptych_scene::environment_map::SIDE_MIN;
 
 use super::cube_map::{CubeMap, fill};
 use super::equirect::Equirect;
@@ -24,7 +24,9 @@ const OTHER_ORDER_PART: f64 = 0.5;
 /// A light as a file has it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct CubeLight {
-    /// The side of a face in texels: a power of two.
+    /// The side of a face in texels: a power of two, at most [`SIDE_MAX`].
+    ///
+    /// [`SIDE_MAX`]: polyptych_scene::environment_map::SIDE_MAX
     pub side: u32,
     /// Radiance by face in the order +X −X +Y −Y +Z −Z, row from the top, and column.
     pub texels: Vec<Vec3>,
@@ -63,10 +65,9 @@ impl CubeLight {
         let (source, faces) = self.source();
         let from = self.rotation.inverse();
         let toward = |of: DVec3| faces.direction(from * of);
-        let side = self.side.clamp(SIDE_MIN, SIDE_MAX);
-        let level = (f64::from(self.side) / f64::from(side)).log2().max(0.0);
+        let side = self.side.max(SIDE_MIN);
         let intensity = self.intensity as f32;
-        let texels = fill(side, |of| source.radiance(toward(of), level) * intensity);
+        let texels = fill(side, |of| source.radiance(toward(of), 0.0) * intensity);
         let cube = CubeMap::of_texels(side, texels);
         let diffuse = match &self.irradiance {
             Some(terms) => irradiance::expand(|of| {

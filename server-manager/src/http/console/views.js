@@ -59,10 +59,12 @@ function placeOf({ area: { Screen: part } }) {
   return part ? `${state.wall.screens[part.screen].name}: ${part.rect.join(", ")}` : "the wall";
 }
 
-/** Takes the view away that lies over a place; others may have done so already. */
-async function takeAway(place) {
+/** Takes the view of a number away, which lies over a place; others may have done so already, or
+    have changed the numbers. */
+async function takeAway(number, place) {
   const views = (await presentation())?.views ?? [];
-  const at = views.findIndex((view) => placeOf(view) === place);
+  const isIt = (view) => placeOf(view) === place;
+  const at = views.slice(number, number + 1).some(isIt) ? number : views.findIndex(isIt);
   if (at >= 0) await setViews(views.toSpliced(at, 1));
 }
 
@@ -84,7 +86,7 @@ export function showViews() {
       add(item, "span", { textContent: `${place} ` });
       const remove = add(item, "button", { type: "button", textContent: "Take away" });
       remove.setAttribute("aria-label", `Take away view ${at + 1} on ${place}`);
-      remove.addEventListener("click", () => takeAway(place));
+      remove.addEventListener("click", () => takeAway(at, place));
     });
   }
   // All of the form: who has typed an axis goes on to the next one.
