@@ -97,6 +97,10 @@ fn read(job: &mut BakeJob<'_>, light: &LightJson) -> Result<Result<CubeLight, St
     let (mut texels, mut size, mut side) = (Vec::new(), None, 0);
     for index in images {
         job.check()?;
+        let there = job.source.document.images.len();
+        if index >= there {
+            return Ok(Err(format!("images[{index}] is not there; the file has {there}")));
+        }
         let picture = match texture::decoded(job, index, &mut budget)? {
             Ok(picture) => picture,
             Err(reason) => return Ok(Err(format!("images[{index}]: {reason}"))),

@@ -104,6 +104,7 @@ fn what_cannot_be_read_is_told_and_left_out() {
         (with("irradianceCoefficients", json!([[1, 2, 3]])), "cannot be read"),
         (with("specularImages", json!([])), "it has no specularImages"),
         (with("specularImages", json!([[0, 1, 2]])), "cannot be read"),
+        (with("specularImages", json!([[0, 1, 2, 3, 4, 99]])), "images[99] is not there; the file"),
         (without_images, "missing field `specularImages`"),
         (oblong, "images[6] has 8 × 4 pixels; six squares of one size"),
         (words, "images[3]: it is no image"),
