@@ -106,7 +106,8 @@ pub struct WallSection {
     #[serde(default)]
     pub dither: bool,
     /// The shadows of a scene's lights: "soft", "hard", whose edges are as jagged as the maps of
-    /// shadows, or "off".
+    /// shadows, "contact-hardening", which are softer the farther they are from what casts them, or
+    /// "off".
     #[serde(default)]
     pub shadows: ShadowFilter,
 }

@@ -15,4 +15,7 @@ pub enum ShadowFilter {
     /// Antialiased Shadows with Depth Maps" (1987).
     #[default]
     Soft,
+    /// Penumbras as wide as those of a sun of 0.533° and of lamps of a radius of 5 cm: sharp where
+    /// a shadow begins, softer away from what casts it.
+    ContactHardening,
 }

@@ -12,6 +12,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DMat4, DVec3, DVec4};
+use polyptych_wall::ShadowFilter;
 
 use super::error_tolerance::rounded_up;
 use super::scene::{Bounds, LocalLight};
@@ -30,6 +31,13 @@ const FEW_MAX: usize = 16;
 
 /// Texels at each edge of a map that only filters reach.
 const BORDER_TEXELS: f64 = 8.0;
+
+/// The same where filters are as wide as penumbras, as a share of a map's side. Twin of
+/// `LAMP_SEARCH_MAX` in `include/lamp_shadow.wgsl`.
+const PENUMBRA_BORDER: f64 = 1.0 / 32.0;
+
+/// Of a lamp, in units of the world. Twin in `include/lamp_shadow.wgsl`.
+pub(crate) const LAMP_RADIUS: f64 = 0.05;
 
 /// The distance of the near plane as a share of how far a light reaches: 0.15 mm of 10 m. What is
 /// nearer to the light casts no shadow.
@@ -71,7 +79,8 @@ pub(crate) struct LampShadowRecord {
     pub near: f32,
     pub scale: f32,
     pub texel: f32,
-    pub pad: u32,
+    /// The radius of the lamp as seen from a point, in sides of the map for a depth of 1.
+    pub spread: f32,
 }
 
 /// Texels along each side of each map of a view with so many maps of lamps.
@@ -81,7 +90,7 @@ pub(crate) fn side_of(maps: usize) -> u32 {
 
 impl LampMap {
     /// The maps of a light in a scene, by face; none where a number of the light is not finite.
-    pub fn all(lamp: &LocalLight, scene: &Bounds, side: u32) -> Vec<Self> {
+    pub fn all(lamp: &LocalLight, scene: &Bounds, side: u32, filter: ShadowFilter) -> Vec<Self> {
         let position = lamp.position;
         let farthest = (scene.min - position).abs().max((scene.max - position).abs()).length();
         let reach = lamp.reach();
@@ -96,7 +105,11 @@ impl LampMap {
             Some(angle) if lamp.map_count == 1 => angle.tan().max(TANGENT_MIN),
             _ => 1.0,
         };
-        let slope = tangent * f64::from(side) / (f64::from(side) - 2.0 * BORDER_TEXELS);
+        let border = match filter {
+            ShadowFilter::ContactHardening => PENUMBRA_BORDER,
+            _ => BORDER_TEXELS / f64::from(side),
+        };
+        let slope = tangent / (1.0 - 2.0 * border);
         let cube = LightBasis::new(toward);
         let map = |basis| Self { position, basis, slope, near, reach, side };
         faces(cube).into_iter().take(lamp.map_count).map(map).collect()
@@ -159,7 +172,7 @@ impl LampShadowRecord {
             near: first.near as f32,
             scale: (0.5 / first.slope) as f32,
             texel: first.texel() as f32,
-            pad: 0,
+            spread: (LAMP_RADIUS * 0.5 / (first.slope * first.near)) as f32,
         }
     }
 }

@@ -193,7 +193,7 @@ impl Renderer {
     /// Sets what edges shadows have. Scenes are to be prepared with it before they are drawn.
     pub fn set_shadows(&mut self, shadows: ShadowFilter) {
         self.pipelines.surfaces.shadows = shadows;
-        self.shadows.is_off = shadows == ShadowFilter::Off;
+        self.shadows.filter = shadows;
     }
 
     /// Samples per pixel.

@@ -208,7 +208,9 @@ impl PipelineKey {
             constants.push(("TONE_MAPPED", flag(!self.linear)));
         }
         if self.has_shadows() && m.lit {
-            constants.push(("SOFT", flag(self.shadows == ShadowFilter::Soft)));
+            constants.push(("SOFT", flag(self.shadows != ShadowFilter::Hard)));
+            let has_penumbras = self.shadows == ShadowFilter::ContactHardening;
+            constants.push(("CONTACT_HARDENING", flag(has_penumbras)));
         }
         constants
     }

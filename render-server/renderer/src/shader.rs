@@ -164,6 +164,7 @@ impl Interface {
         let filter = SHADOW_FILTER
             .replace("shadow_maps", "lamp_maps")
             .replace("_visibility", "_lamp_visibility")
+            .replace("penumbra_radius", "lamp_penumbra_radius")
             .replace("lit_part", "lit_lamp_part");
         [&suns, "\n", LAMP_SHADOW, "\n", &filter].concat()
     }

@@ -46,6 +46,9 @@ const DEPTH_MARGIN: f64 = 1e-5;
 /// none of its own.
 const DEPTH_MIN: f64 = 1e-3;
 
+/// Half of the sun's apparent diameter as a tangent. Twin in `include/sun_shadow.wgsl`.
+pub(crate) const SUN_TANGENT: f64 = 0.004652;
+
 /// Axes of the space in which maps are drawn; of unit length, perpendicular, right-handed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LightBasis {
@@ -144,6 +147,11 @@ impl Cascade {
     /// Half of the side of the square, in units of the world.
     pub fn half_side(&self) -> f64 {
         f64::from(MAP_SIDE) * 0.5 * self.texel
+    }
+
+    /// The radius of the sun as seen from a point, in sides of the map, at the map's depth from it.
+    pub fn spread(&self) -> f64 {
+        SUN_TANGENT * self.depth / (f64::from(MAP_SIDE) * self.texel)
     }
 
     /// The view that draws the map, of what a camera shows.

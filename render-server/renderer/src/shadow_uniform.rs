@@ -50,7 +50,8 @@ pub(crate) struct CascadeRecord {
     pub radius: f32,
     pub texel: f32,
     pub layer: u32,
-    pub pad: u32,
+    /// The radius of a sun as seen from a point, in sides of the map for a depth of 1.
+    pub spread: f32,
 }
 
 impl ShadowUniform {
@@ -96,7 +97,7 @@ impl SunShadowRecord {
                 radius: of.radius.min(f64::from(f32::MAX)) as f32,
                 texel: of.texel as f32,
                 layer,
-                pad: 0,
+                spread: of.spread() as f32,
             };
         }
         let [radii @ .., radius4, _] = record.cascades.map(|of| of.radius);

@@ -28,6 +28,7 @@ mod occlusion;
 mod order;
 mod parallel;
 mod pass_times;
+mod penumbras;
 mod pixel_light;
 mod robustness;
 mod shaders;

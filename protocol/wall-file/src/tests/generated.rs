@@ -286,7 +286,8 @@ fn budget() -> impl Strategy<Value = MemoryBudget> {
 }
 
 fn shadows() -> impl Strategy<Value = ShadowFilter> {
-    prop::sample::select(&[ShadowFilter::Off, ShadowFilter::Hard, ShadowFilter::Soft][..])
+    use ShadowFilter::{ContactHardening, Hard, Off, Soft};
+    prop::sample::select(&[Off, Hard, Soft, ContactHardening][..])
 }
 
 /// A wall that a file can say.

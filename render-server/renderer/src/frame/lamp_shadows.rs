@@ -1,6 +1,7 @@
 //! The maps of point and spot lights, and what shaders read of them.
 
 use polyptych_scene::lamps_with_maps;
+use polyptych_wall::ShadowFilter;
 
 use super::shadow_map::ShadowMap;
 use crate::lamp_map::{LampMap, LampShadowRecord, side_of};
@@ -21,7 +22,12 @@ pub(super) struct LampMaps {
 impl LampMaps {
     /// The maps of a view of a scene with this extent; `None` if there are none. They are those of
     /// the lights that shine in the part of the scene that the view shows.
-    pub fn new(scene: &GpuScene, view: &ViewDesc, extent: &Bounds) -> Option<Self> {
+    pub fn new(
+        scene: &GpuScene,
+        view: &ViewDesc,
+        extent: &Bounds,
+        filter: ShadowFilter,
+    ) -> Option<Self> {
         let part = scene.layout.tree.select(&view.subset);
         let lamps = scene.lamps();
         let wanted: Vec<_> = lamps
@@ -36,7 +42,7 @@ impl LampMaps {
         let side = side_of(count);
         let mut maps = Vec::with_capacity(count);
         let records = lamps.iter().zip(&has_maps).map(|(lamp, has_maps)| {
-            let own = if *has_maps { LampMap::all(lamp, extent, side) } else { Vec::new() };
+            let own = if *has_maps { LampMap::all(lamp, extent, side, filter) } else { vec![] };
             let record = LampShadowRecord::new(maps.len() as u32, &own);
             maps.extend(own.into_iter().map(ShadowMap::Lamp));
             record

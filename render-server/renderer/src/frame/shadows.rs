@@ -1,5 +1,7 @@
 //! The shadows of a frame: the maps of directional, point and spot lights, and their bindings.
 
+use polyptych_wall::ShadowFilter;
+
 use super::FrameResources;
 use super::begun_frame::ShownView;
 use super::lamp_shadows::LampMaps;
@@ -49,8 +51,7 @@ pub(crate) struct Shadows {
     none: Option<wgpu::TextureView>,
     suns: MapSets,
     lamps: MapSets,
-    /// No view has shadows.
-    pub is_off: bool,
+    pub filter: ShadowFilter,
 }
 
 impl Shadows {
@@ -66,7 +67,7 @@ impl Shadows {
             none: None,
             suns: MapSets::default(),
             lamps: MapSets::default(),
-            is_off: false,
+            filter: ShadowFilter::default(),
         }
     }
 
@@ -80,7 +81,7 @@ impl Shadows {
 
     /// The bindings that pipelines are warmed with: no shadows.
     pub(super) fn none(&self, gpu: &Gpu, scene: &GpuScene) -> Vec<wgpu::BindGroup> {
-        let is_used = !self.is_off && scene.layout.lights.has_shadows();
+        let is_used = self.filter != ShadowFilter::Off && scene.layout.lights.has_shadows();
         let maps = self.none.as_ref().filter(|_| is_used);
         let no_lamps = no_lamp_records(gpu, scene);
         let group = |suns| {
@@ -103,7 +104,7 @@ impl Shadows {
     ) -> Result<FrameShadows, DrawError> {
         self.suns.begin_frame();
         self.lamps.begin_frame();
-        if self.is_off || !scene.layout.lights.has_shadows() {
+        if self.filter == ShadowFilter::Off || !scene.layout.lights.has_shadows() {
             return Ok(FrameShadows::default());
         }
         let none = self.none.clone().ok_or(DrawError::NotPrepared)?;
@@ -151,7 +152,7 @@ impl Shadows {
             let set = self.suns.find((gpu, scene), of, wanted, (index, view, sun_orders));
             (set, suns)
         });
-        let lamps = LampMaps::new(scene, view, &extent).map(|lamps| {
+        let lamps = LampMaps::new(scene, view, &extent, self.filter).map(|lamps| {
             let wanted = (&lamps.maps[..], lamps.side);
             let set = self.lamps.find((gpu, scene), of, wanted, (index, view, lamp_orders));
             let records = &mut self.lamps.get_mut(set).records;

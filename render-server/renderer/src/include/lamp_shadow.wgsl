@@ -15,7 +15,8 @@ struct LampShadow {
     scale: f32,
     // At a distance of 1, in units of the world.
     texel: f32,
-    pad: u32,
+    // See `penumbra_radius`.
+    spread: f32,
 }
 
 // In the order of the lamps.
@@ -27,6 +28,10 @@ struct LampShadow {
 const LEVEL_TEXELS: f32 = 0.25;
 // The part of a distance that f32 rounds away.
 const DISTANCE_ROUNDING: f32 = 2e-6;
+// Of a lamp, in units of the world; twin in `lamp_map.rs`.
+const LAMP_RADIUS: f32 = 0.05;
+// Sides of a map in which blockers are looked for: its border, as `lamp_map.rs` has it.
+const LAMP_SEARCH_MAX: f32 = 1.0 / 32.0;
 
 // A vector in the axes of the first map in those of another face: across, up, and along the way
 // that it looks. `sign` is the sign of the face's side along each axis.
@@ -60,7 +65,11 @@ fn lamp_map_visibility(
     let at = in_face(p, sign, is_x, is_y);
     let n = in_face(axes * normal, sign, is_x, is_y);
     let reach = (select(HARD_REACH, SOFT_REACH, SOFT) + LEVEL_TEXELS) * lamp.texel * at.z;
-    let moved = at + n * (reach * sqrt(max(1.0 - n.z * n.z, 0.0)));
+    let off_surface = reach * sqrt(max(1.0 - n.z * n.z, 0.0));
+    // Towards the light where penumbras are to be exact, as for suns.
+    let height = max(dot(normal, toward_lamp), 2.0 * off_surface);
+    let beside = at * (1.0 - off_surface / height);
+    let moved = select(at + n * off_surface, beside, CONTACT_HARDENING);
     // Along its ray towards the lamp a point keeps its texel.
     let closer = 1.0 + TOWARD_TEXELS * lamp.texel + DISTANCE_ROUNDING;
     let inverse = 1.0 / max(moved.z, lamp.near);
@@ -70,6 +79,14 @@ fn lamp_map_visibility(
     let side = select(select(0.0, 5.0, is_back), 3.5 - 0.5 * sign.y, is_y);
     let face = u32(select(side, 1.5 - 0.5 * sign.x, is_x));
     let layer = lamp.layer + min(face, lamp.count - 1u);
+    if CONTACT_HARDENING {
+        let above = dot(normal, toward_lamp);
+        let spread = lamp.spread * min(1.0, GRAZING / LAMP_RADIUS * above);
+        let slant = vec2<f32>(moved.x, -moved.y) * inverse;
+        let radius = lamp_penumbra_radius(place, layer, spread, slant, LAMP_SEARCH_MAX);
+        let within = min(radius, LAMP_SEARCH_MAX);
+        return area_lamp_visibility(place, layer, spread, slant, within);
+    }
     if SOFT {
         return soft_lamp_visibility(place, layer);
     }

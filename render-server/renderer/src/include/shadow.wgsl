@@ -10,7 +10,8 @@ struct Cascade {
     // In units of the world.
     texel: f32,
     layer: u32,
-    pad: u32,
+    // See `penumbra_radius`.
+    spread: f32,
 }
 
 struct SunShadow {
@@ -45,6 +46,8 @@ struct Shadows {
 @group(1) @binding(2) var shadow_sampler: sampler_comparison;
 
 override SOFT: bool = true;
+// Lights have a size: penumbras are as wide as they would be.
+override CONTACT_HARDENING: bool = false;
 
 // Share of a map's radius in which the next one is mixed in.
 const BAND: f32 = 0.1;
@@ -55,4 +58,27 @@ const HARD_REACH: f32 = 0.75;
 const TOWARD_TEXELS: f32 = 0.1;
 // The same of depths from 0 to 1.
 const DEPTH_ROUNDING: f32 = 2.5e-7;
+const SEARCH_TAPS: u32 = 32u;
+const DISC_TAPS: u32 = 48u;
+// Blockers are looked for in a cone so much wider than that towards the light: else none is found
+// for points at the outer edge of a penumbra, of which they hide the last part.
+const SEARCH_CONE: f32 = 2.0;
+// The same while the disc is summed, where blockers are nearer or farther than their mean.
+const DISC_CONE: f32 = 4.0;
+// Penumbras of a smaller radius are as wide as soft edges.
+const NARROW_TEXELS: f32 = 1.5;
+// Of the cosine between normal and light: lights are seen no larger, so that no cone is cut by the
+// plane of the surface.
+const GRAZING: f32 = 0.9 / DISC_CONE;
+
+// The next direction of a spiral: by the golden angle.
+fn turned(v: vec2<f32>) -> vec2<f32> {
+    return vec2<f32>(v.x * -0.7373688 - v.y * 0.6754903, v.x * 0.6754903 + v.y * -0.7373688);
+}
+
+// A place in a disc that faces the light, in a map that is seen at a slant: `slant` is the tangent
+// of the angle to the map's axis, towards the place.
+fn slanted(v: vec2<f32>, slant: vec2<f32>) -> vec2<f32> {
+    return v + slant * (dot(v, slant) / (1.0 + sqrt(1.0 + dot(slant, slant))));
+}
 

@@ -10,32 +10,34 @@ use polyptych_wall::ShadowFilter;
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, gpu, look, pixel,
 };
-use super::shadows::{Stage, boxes, cube, entry, grey, shadowed, tile_differences, town};
+use super::shadows::{
+    PENUMBRAS, Stage, boxes, cube, entry, grey, shadowed, shown, tile_differences, town,
+};
 use crate::pass::opaque;
 use crate::scene::Bounds;
 use crate::shader::{Interface, surface};
 use crate::{GpuScene, MovedItems, MovedNode, SceneLayout, ViewDesc};
 
-const SIZE: [u32; 2] = [320, 240];
+pub(super) const SIZE: [u32; 2] = [320, 240];
 
 /// A light at a place that shines along a direction.
 #[derive(Clone, Copy)]
-struct Lamp {
-    at: DVec3,
+pub(super) struct Lamp {
+    pub at: DVec3,
     along: DVec3,
     /// Half of the angle of the cone, in degrees; `None` of a point light.
-    outer_deg: Option<f64>,
+    pub outer_deg: Option<f64>,
     candela: f64,
     range: Option<f32>,
 }
 
 impl Lamp {
-    fn point(at: DVec3, candela: f64) -> Self {
+    pub fn point(at: DVec3, candela: f64) -> Self {
         Self { at, along: DVec3::NEG_Z, outer_deg: None, candela, range: None }
     }
 
     /// A spot light that shines towards a point.
-    fn spot(at: DVec3, to: DVec3, outer_deg: f64, candela: f64) -> Self {
+    pub fn spot(at: DVec3, to: DVec3, outer_deg: f64, candela: f64) -> Self {
         Self { at, along: (to - at).normalize(), outer_deg: Some(outer_deg), candela, range: None }
     }
 
@@ -54,21 +56,21 @@ impl Lamp {
 }
 
 /// Boxes within a room that is seen from inside; the room is the first node.
-struct Room {
-    walls: Bounds,
-    boxes: Vec<Bounds>,
+pub(super) struct Room {
+    pub walls: Bounds,
+    pub boxes: Vec<Bounds>,
 }
 
 impl Room {
     /// Boxes on a floor, far from walls.
-    fn hall() -> Self {
+    pub fn hall() -> Self {
         let walls =
             Bounds { min: DVec3::new(-30.0, 0.0, -30.0), max: DVec3::new(30.0, 20.0, 30.0) };
         Self { walls, boxes: boxes() }
     }
 
     /// Boxes around the middle, on all sides of it and where the faces of a cube meet.
-    fn chamber() -> Self {
+    pub fn chamber() -> Self {
         let around = |at: DVec3, half: f64| Bounds { min: at - half, max: at + half };
         let axes = [DVec3::X, DVec3::Y, DVec3::Z];
         let mut boxes: Vec<_> =
@@ -83,7 +85,7 @@ impl Room {
         Self { walls: Bounds { min: DVec3::splat(-4.0), max: DVec3::splat(4.0) }, boxes }
     }
 
-    fn stage(&self, lamps: &[Lamp]) -> SceneFixture {
+    pub fn stage(&self, lamps: &[Lamp]) -> SceneFixture {
         let mut stage = SceneFixture::new();
         stage.desc.sky = Vec3::ZERO;
         let inside = stage.material(Material { double_sided: true, ..grey() });
@@ -104,7 +106,7 @@ impl Room {
     }
 
     /// The first surface along a ray from inside: its place, and its normal.
-    fn hit(&self, origin: DVec3, ray: DVec3) -> (DVec3, DVec3) {
+    pub fn hit(&self, origin: DVec3, ray: DVec3) -> (DVec3, DVec3) {
         let (a, b) = ((self.walls.min - origin) / ray, (self.walls.max - origin) / ray);
         let far = a.max(b);
         let mut normal = DVec3::ZERO;
@@ -167,7 +169,13 @@ impl Room {
 
     /// The shares of wrong pixels with hard and soft shadows, which are asserted to be small.
     fn check(&self, name: &str, lamp: &Lamp, views: &[ViewDesc]) -> [f64; 2] {
-        [(ShadowFilter::Hard, 0.01), (ShadowFilter::Soft, 0.015)].map(|(filter, most)| {
+        let [hard, soft, _] = self.shares(name, lamp, views);
+        [hard, soft]
+    }
+
+    fn shares(&self, name: &str, lamp: &Lamp, views: &[ViewDesc]) -> [f64; 3] {
+        use ShadowFilter::{ContactHardening, Hard, Soft};
+        [(Hard, 0.01), (Soft, 0.015), (ContactHardening, 0.015)].map(|(filter, most)| {
             let [wrong, all] = self.wrong(lamp, views, filter);
             println!("{filter:?} {name}: {wrong} of {all}");
             assert!(all > 4000, "{name}: only {all} pixels could be lit");
@@ -179,7 +187,7 @@ impl Room {
 }
 
 /// The ray through the middle of a pixel.
-fn ray(view: &ViewDesc, at: [u32; 2]) -> DVec3 {
+pub(super) fn ray(view: &ViewDesc, at: [u32; 2]) -> DVec3 {
     let [x, y] = [0, 1].map(|axis| (f64::from(at[axis]) + 0.5) / f64::from(SIZE[axis]));
     let ndc = DVec4::new(x * 2.0 - 1.0, 1.0 - y * 2.0, 1.0, 1.0);
     let in_view = view.clip_from_view.inverse() * ndc;
@@ -191,7 +199,7 @@ fn hall_view() -> ViewDesc {
 }
 
 /// Views of all walls of the chamber, and of its corners.
-fn chamber_views() -> Vec<ViewDesc> {
+pub(super) fn chamber_views() -> Vec<ViewDesc> {
     let eye = DVec3::new(0.9, 0.6, 0.8);
     let corners = [DVec3::new(4.0, 3.9, 4.0), DVec3::new(-4.0, -3.9, 3.9)];
     let axes = [DVec3::X, DVec3::Z].into_iter().flat_map(|axis| [axis * 4.0, axis * -4.0]);
@@ -282,27 +290,31 @@ fn what_a_lamp_meets_first_has_no_shadow_of_its_own() {
         ];
         for lamp in lamps {
             let room = bare(size);
-            let scene = room.stage(&[lamp]).build();
-            let mut at_edges = 0;
-            for view in chamber_views() {
+            let scene = room.stage(&[lamp]);
+            let mut at_edges = [0; 2];
+            let views = chamber_views();
+            let views = views.iter().flat_map(|view| PENUMBRAS.map(|filter| (filter, view)));
+            // A lamp of 5 cm would fill the smallest room.
+            let fits = |filter| size > 1.0 || filter == ShadowFilter::Soft;
+            for (filter, view) in views.filter(|(filter, _)| fits(*filter)) {
                 let scale = size / 4.0;
                 let eye = view.eye_in_world * scale;
-                let view = ViewDesc { eye_in_world: eye, middle_eye_in_world: eye, ..view };
+                let view = ViewDesc { eye_in_world: eye, middle_eye_in_world: eye, ..view.clone() };
                 let off = ViewDesc { has_shadows: false, ..view.clone() };
-                let [got, wanted] = [&view, &off].map(|view| draw(&scene, SIZE, view));
-                let of = (size, place, lamp.outer_deg);
+                let [got, wanted] = [&view, &off].map(|view| shown(&scene, filter, view, SIZE));
+                let of = (filter, size, place, lamp.outer_deg);
                 for (x, y) in (0..SIZE[0]).flat_map(|x| (0..SIZE[1]).map(move |y| (x, y))) {
                     let [got, wanted] = [&got, &wanted].map(|of| pixel(of, SIZE, x, y)[0]);
                     if got.abs_diff(wanted) > 1 {
                         // Filters reach around corners, by a few texels.
                         let edge = room.edge_distance(&view, [x, y]);
                         assert!(edge < 0.012 * size, "{of:?}: {got}, not {wanted}: {x}, {y}");
-                        at_edges += 1;
+                        at_edges[usize::from(filter != ShadowFilter::Soft)] += 1;
                     }
                 }
             }
-            println!("{:?}: {at_edges} pixels at edges", (size, place, lamp.outer_deg));
-            assert!(at_edges < 1000, "{at_edges}");
+            println!("{:?}: {at_edges:?} pixels at edges", (size, place, lamp.outer_deg));
+            assert!(at_edges.iter().all(|of| *of < 1000), "{at_edges:?}");
         }
     }
     // A ball that is seen from the lamp: all of its light is there but at the edge.
@@ -328,14 +340,15 @@ fn tiles_have_the_shadows_of_one_camera_and_lamps() {
     let pixels = (SIZE[0] * SIZE[1]) as usize;
     let chamber = [Lamp::point(DVec3::new(0.31, -0.23, 0.17), 25.0)];
     let corner = chamber_views().pop().unwrap();
-    for (scene, view) in [
-        (Room::hall().stage(&lamps).build(), hall_view()),
-        (Room::chamber().stage(&chamber).build(), corner),
-    ] {
-        let total = tile_differences(&scene, &view, SIZE);
-        println!("{total:?} of {pixels}");
-        assert!(total[0] * 200 <= pixels, "{total:?}: more than 0.5 % differ");
-        assert!(total[2] * 50_000 <= pixels, "{total:?}: more than 20 ppm by more than 8");
+    for (scene, view) in
+        [(Room::hall().stage(&lamps), hall_view()), (Room::chamber().stage(&chamber), corner)]
+    {
+        for filter in PENUMBRAS {
+            let total = tile_differences((&scene, filter), &view, SIZE);
+            println!("{filter:?}: {total:?} of {pixels}");
+            assert!(total[0] * 200 <= pixels, "{total:?}: more than 0.5 % differ");
+            assert!(total[2] * 50_000 <= pixels, "{total:?}: more than 20 ppm by more than 8");
+        }
     }
 }
 

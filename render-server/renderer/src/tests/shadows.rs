@@ -13,6 +13,10 @@ use crate::{GpuScene, ViewDesc};
 
 const SIZE: [u32; 2] = [320, 240];
 
+/// The shadows whose edges are no steps.
+pub(super) const PENUMBRAS: [ShadowFilter; 2] =
+    [ShadowFilter::Soft, ShadowFilter::ContactHardening];
+
 /// Half of the floor's side, in metres.
 const FLOOR: f64 = 60.0;
 
@@ -52,13 +56,13 @@ pub(super) fn boxes() -> Vec<Bounds> {
 }
 
 /// The direction towards a sun so high over the horizon.
-fn toward(elevation_deg: f64, azimuth_deg: f64) -> DVec3 {
+pub(super) fn toward(elevation_deg: f64, azimuth_deg: f64) -> DVec3 {
     let (up, across) = elevation_deg.to_radians().sin_cos();
     let (x, z) = azimuth_deg.to_radians().sin_cos();
     DVec3::new(x * across, up, z * across)
 }
 
-fn sun(stage: &mut SceneFixture, toward: DVec3) {
+pub(super) fn sun(stage: &mut SceneFixture, toward: DVec3) {
     let light =
         Light { kind: LightKind::Directional, color: Vec3::ONE, intensity: 3.0, range: None };
     stage.light(light, DAffine3::from_quat(DQuat::from_rotation_arc(DVec3::NEG_Z, -toward)));
@@ -148,7 +152,11 @@ fn wrong(toward: DVec3, place: DVec3, filter: ShadowFilter) -> [usize; 2] {
 
 #[test]
 fn shadows_are_where_rays_find_them() {
-    for (filter, most) in [(ShadowFilter::Hard, 0.004), (ShadowFilter::Soft, 0.0075)] {
+    for (filter, most) in [
+        (ShadowFilter::Hard, 0.004),
+        (ShadowFilter::Soft, 0.0075),
+        (ShadowFilter::ContactHardening, 0.0075),
+    ] {
         let (mut worst, mut report) = (0.0f64, Vec::new());
         for elevation in [90.0, 75.0, 50.0, 30.0, 15.0] {
             for azimuth in [20.0, 140.0, 260.0] {
@@ -166,7 +174,8 @@ fn shadows_are_where_rays_find_them() {
 
 #[test]
 fn what_the_sun_meets_first_has_no_shadow_of_its_own() {
-    for elevation in [90.0, 60.0, 30.0, 10.0, 4.0] {
+    let cases = [90.0, 60.0, 30.0, 10.0, 4.0].map(|of| PENUMBRAS.map(|filter| (of, filter)));
+    for (elevation, filter) in cases.into_iter().flatten() {
         let mut stage = SceneFixture::new();
         stage.desc.sky = Vec3::ZERO;
         let grey = stage.material(grey());
@@ -175,20 +184,19 @@ fn what_the_sun_meets_first_has_no_shadow_of_its_own() {
         let toward = toward(elevation, 140.0);
         stage.node(floor, DAffine3::from_rotation_x(-std::f64::consts::FRAC_PI_2));
         sun(&mut stage, toward);
-        let soft = view(DVec3::ZERO);
-        let off = ViewDesc { has_shadows: false, ..soft.clone() };
-        let flat = stage.build();
-        let changed = differences(&draw(&flat, SIZE, &soft), &draw(&flat, SIZE, &off));
-        assert_eq!(changed[1], 0, "{elevation}°: a plane has stripes: {changed:?}");
+        let changed = |stage: &SceneFixture, view: ViewDesc| {
+            let off = ViewDesc { has_shadows: false, ..view.clone() };
+            let [view, off] = [view, off].map(|view| shown(stage, filter, &view, SIZE));
+            differences(&view, &off)
+        };
+        let plane = changed(&stage, view(DVec3::ZERO));
+        assert_eq!(plane[1], 0, "{filter:?}, {elevation}°: a plane has stripes: {plane:?}");
         // A ball over it, seen from the sun's side: all of its light is there but at the edge.
         stage.node(ball, DAffine3::from_translation(DVec3::Y * 3.0));
         let eye = DVec3::Y * 3.0 + toward * 3.0;
-        let near = look(eye, DVec3::Y * 3.0, SIZE);
-        let off = ViewDesc { has_shadows: false, ..near.clone() };
-        let round = stage.build();
-        let [_, _, changed] = differences(&draw(&round, SIZE, &near), &draw(&round, SIZE, &off));
-        println!("{elevation}°: {changed} of {}", SIZE[0] * SIZE[1]);
-        assert!(changed < 800, "{elevation}°: {changed}");
+        let [_, _, round] = changed(&stage, look(eye, DVec3::Y * 3.0, SIZE));
+        println!("{filter:?}, {elevation}°: {round} of {}", SIZE[0] * SIZE[1]);
+        assert!(round < 800, "{filter:?}, {elevation}°: {round}");
     }
 }
 
@@ -216,15 +224,29 @@ impl Stage {
     }
 }
 
+/// The picture of a scene with shadows of some kind.
+pub(super) fn shown(
+    fixture: &SceneFixture,
+    filter: ShadowFilter,
+    view: &ViewDesc,
+    size: [u32; 2],
+) -> Vec<[u8; 4]> {
+    Stage::new(fixture.build(), size, filter).draw(view).0
+}
+
 /// Pixels of the four tiles of a picture that differ from the whole one; see [`differences`].
-pub(super) fn tile_differences(scene: &GpuScene, view: &ViewDesc, size: [u32; 2]) -> [usize; 3] {
-    let whole = draw(scene, size, view);
+pub(super) fn tile_differences(
+    (fixture, filter): (&SceneFixture, ShadowFilter),
+    view: &ViewDesc,
+    size: [u32; 2],
+) -> [usize; 3] {
+    let whole = shown(fixture, filter, view, size);
     let tile = [size[0] / 2, size[1] / 2];
     let mut total = [0; 3];
     for [x, y] in [[0, 0], [tile[0], 0], [0, tile[1]], tile] {
         let [width, height] = size.map(f64::from);
         let viewport = [-f64::from(x), -f64::from(y), width, height];
-        let got = draw(scene, tile, &ViewDesc { viewport, ..view.clone() });
+        let got = shown(fixture, filter, &ViewDesc { viewport, ..view.clone() }, tile);
         let places = (0..tile[1]).flat_map(|row| (0..tile[0]).map(move |column| [column, row]));
         let wanted: Vec<_> =
             places.map(|[left, top]| pixel(&whole, size, x + left, y + top)).collect();
@@ -238,12 +260,14 @@ pub(super) fn tile_differences(scene: &GpuScene, view: &ViewDesc, size: [u32; 2]
 #[test]
 fn tiles_have_the_shadows_of_one_camera() {
     let place = DVec3::ZERO;
-    let scene = town(place, grey(), &[toward(35.0, 140.0), toward(60.0, 250.0)]).build();
-    let total = tile_differences(&scene, &view(place), SIZE);
-    let pixels = (SIZE[0] * SIZE[1]) as usize;
-    println!("{total:?} of {pixels}");
-    assert!(total[0] * 200 <= pixels, "{total:?}: more than 0.5 % differ");
-    assert!(total[2] * 50_000 <= pixels, "{total:?}: more than 20 ppm by more than 8");
+    let scene = town(place, grey(), &[toward(35.0, 140.0), toward(60.0, 250.0)]);
+    for filter in PENUMBRAS {
+        let total = tile_differences((&scene, filter), &view(place), SIZE);
+        let pixels = (SIZE[0] * SIZE[1]) as usize;
+        println!("{filter:?}: {total:?} of {pixels}");
+        assert!(total[0] * 200 <= pixels, "{total:?}: more than 0.5 % differ");
+        assert!(total[2] * 50_000 <= pixels, "{total:?}: more than 20 ppm by more than 8");
+    }
 }
 
 #[test]
@@ -264,26 +288,29 @@ fn what_is_beside_the_channel_casts_its_shadow_into_it() {
 #[test]
 fn a_viewer_who_moves_changes_no_edge() {
     let place = DVec3::new(1234.5, 10.0, -777.7);
-    let scene = town(place, grey(), &[toward(35.0, 140.0)]).build();
-    let mut stage = Stage::new(scene, SIZE, ShadowFilter::Soft);
-    let (first, stats) = stage.draw(&view(place));
-    assert!(stats.shadow_maps >= 2, "{stats:?}");
-    let (mut flickering, mut anew) = (0, 0);
-    for step in 0..40 {
-        // The picture stays; only the viewer whom the maps surround moves, at first by less than
-        // a texel, then through cells.
-        let by = 0.003 * 1.25f64.powi(step);
-        let eye = view(place).eye_in_world + DVec3::new(0.3, 0.1, -0.5) * by.min(1.0);
-        let moved = ViewDesc { middle_eye_in_world: eye, ..view(place) };
-        let (got, stats) = stage.draw(&moved);
-        anew += stats.shadow_maps;
-        let is_class = |of: &[u8; 4]| of[0] > 100;
-        // Where two maps are mixed, the part of each goes with the distance.
-        flickering += got.iter().zip(&first).filter(|(a, b)| is_class(a) != is_class(b)).count();
+    let scene = town(place, grey(), &[toward(35.0, 140.0)]);
+    for filter in PENUMBRAS {
+        let mut stage = Stage::new(scene.build(), SIZE, filter);
+        let (first, stats) = stage.draw(&view(place));
+        assert!(stats.shadow_maps >= 2, "{stats:?}");
+        let (mut flickering, mut anew) = (0, 0);
+        for step in 0..40 {
+            // The picture stays; only the viewer whom the maps surround moves, at first by less than
+            // a texel, then through cells.
+            let by = 0.003 * 1.25f64.powi(step);
+            let eye = view(place).eye_in_world + DVec3::new(0.3, 0.1, -0.5) * by.min(1.0);
+            let moved = ViewDesc { middle_eye_in_world: eye, ..view(place) };
+            let (got, stats) = stage.draw(&moved);
+            anew += stats.shadow_maps;
+            let is_class = |of: &[u8; 4]| of[0] > 100;
+            // Where two maps are mixed, the part of each goes with the distance.
+            flickering +=
+                got.iter().zip(&first).filter(|(a, b)| is_class(a) != is_class(b)).count();
+        }
+        println!("{filter:?}: {flickering} flickering, {anew} maps drawn anew");
+        assert!(anew > 0, "no cell was left");
+        assert_eq!(flickering, 0);
     }
-    println!("{flickering} flickering, {anew} maps drawn anew");
-    assert!(anew > 0, "no cell was left");
-    assert_eq!(flickering, 0);
 }
 
 #[test]
