@@ -261,6 +261,8 @@ fn drive(
     ))?;
     say_notes(&summary.notes)?;
     look.apply(client)?;
+    // Who was late for a frame was not waited for when something changed.
+    local.await_channels()?;
     let (error_px, rate_fps) = (arguments.error_bound, arguments.rate_bound);
     client.set_bounds(QualityBounds { error_px, rate_fps })?;
     let focus = shown.focus.or(summary.bounds);

@@ -187,11 +187,17 @@ impl LocalWall {
         self.hurts.get(server)?.slow_file.clone()
     }
 
-    fn await_channels(&self) -> anyhow::Result<()> {
+    /// Waits until all channels could draw.
+    ///
+    /// # Errors
+    /// A server ended, one is not ready in time, or the program is to end.
+    pub fn await_channels(&self) -> anyhow::Result<()> {
         let deadline = Instant::now() + START_TIME_MAX;
         loop {
             let status = self.client.status()?;
-            let is_there = |state| matches!(state, ChannelState::Ready | ChannelState::Live);
+            let is_there = |state| {
+                matches!(state, ChannelState::Ready | ChannelState::Live | ChannelState::Late)
+            };
             let absent: Vec<_> = status.channels.iter().filter(|c| !is_there(c.state)).collect();
             if absent.is_empty() {
                 return Ok(());

@@ -184,6 +184,8 @@ impl Verifier<'_> {
     fn show(&self, local: &LocalWall, wall: &Wall) -> anyhow::Result<Capture> {
         let summary = local.client.open_scene(self.shown.file.display().to_string())?;
         self.look.apply(&local.client)?;
+        // Who was late for a frame is not waited for when something changes.
+        local.await_channels()?;
         if let Some(focus) = self.shown.focus.or(summary.bounds) {
             local.client.set_camera(orbit(wall, &focus, HEADING_RAD))?;
         }
@@ -208,6 +210,8 @@ impl Verifier<'_> {
         let local = self.start(&single)?;
         let summary = local.client.open_scene(self.shown.file.display().to_string())?;
         self.look.apply(&local.client)?;
+        // Who was late for a frame is not waited for when something changes.
+        local.await_channels()?;
         if let Some(focus) = self.shown.focus.or(summary.bounds) {
             // The camera of the whole wall, which the other screens have their part in.
             local.client.set_camera(orbit(wall, &focus, HEADING_RAD))?;

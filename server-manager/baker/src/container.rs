@@ -49,10 +49,12 @@ pub(super) const EXTENSIONS: [&str; 29] = [
 
 /// Extensions without which a file's shapes stay as they are: one that requires them is drawn, with
 /// a note. Those of materials are known by how their names begin.
-const OF_APPEARANCE: [&str; 7] = [
+const OF_APPEARANCE: [&str; 9] = [
     "EXT_lights_ies",
     "EXT_texture_avif",
     "KHR_audio_emitter",
+    "KHR_technique_webgl",
+    "KHR_techniques_webgl",
     "KHR_xmp",
     "KHR_xmp_json_ld",
     "MSFT_packing_occlusionRoughnessMetallic",

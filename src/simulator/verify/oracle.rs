@@ -63,6 +63,7 @@ pub(super) fn single(wall: &Wall, index: u16) -> Wall {
         eye: wall.eye,
         near_m: wall.near_m,
         samples: wall.samples,
+        shadows: wall.shadows,
         ..Wall::new("single", vec![Screen { bezel: None, ..screen.clone() }], vec![channel])
     }
 }
