@@ -83,9 +83,10 @@ fn lamp_map_visibility(
         let above = dot(normal, toward_lamp);
         let spread = lamp.spread * min(1.0, GRAZING / LAMP_RADIUS * above);
         let slant = vec2<f32>(moved.x, -moved.y) * inverse;
-        let radius = lamp_penumbra_radius(place, layer, spread, slant, LAMP_SEARCH_MAX);
-        let within = min(radius, LAMP_SEARCH_MAX);
-        return area_lamp_visibility(place, layer, spread, slant, within);
+        // A disc is as much longer in the map as its place is farther away than the map's middle.
+        let most = LAMP_SEARCH_MAX / sqrt(1.0 + dot(slant, slant));
+        let radius = lamp_penumbra_radius(place, layer, spread, slant, most);
+        return area_lamp_visibility(place, layer, spread, slant, min(radius, most));
     }
     if SOFT {
         return soft_lamp_visibility(place, layer);

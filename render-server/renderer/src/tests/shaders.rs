@@ -203,8 +203,9 @@ fn uniforms_match_their_twins() {
     cone }
     twin!("Shadows", ShadowUniform, middle, error, suns);
     twin!("SunShadow", SunShadowRecord, right, count, up, toward, radius4, radii, cascades);
-    twin!("LampShadow", LampShadowRecord, right, count, up, layer, near, scale, texel);
-    twin!("Cascade", CascadeRecord, offset, scale, radius, texel, layer);
+    twin! { "LampShadow", LampShadowRecord, right, count, up, layer, near, scale, texel,
+    spread };
+    twin!("Cascade", CascadeRecord, offset, scale, radius, texel, layer, spread);
     twin!(
         "Material",
         MaterialUniform,

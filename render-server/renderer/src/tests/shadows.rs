@@ -295,8 +295,8 @@ fn a_viewer_who_moves_changes_no_edge() {
         assert!(stats.shadow_maps >= 2, "{stats:?}");
         let (mut flickering, mut anew) = (0, 0);
         for step in 0..40 {
-            // The picture stays; only the viewer whom the maps surround moves, at first by less than
-            // a texel, then through cells.
+            // The picture stays; only the viewer whom the maps surround moves, at first by less
+            // than a texel, then through cells.
             let by = 0.003 * 1.25f64.powi(step);
             let eye = view(place).eye_in_world + DVec3::new(0.3, 0.1, -0.5) * by.min(1.0);
             let moved = ViewDesc { middle_eye_in_world: eye, ..view(place) };
@@ -304,8 +304,8 @@ fn a_viewer_who_moves_changes_no_edge() {
             anew += stats.shadow_maps;
             let is_class = |of: &[u8; 4]| of[0] > 100;
             // Where two maps are mixed, the part of each goes with the distance.
-            flickering +=
-                got.iter().zip(&first).filter(|(a, b)| is_class(a) != is_class(b)).count();
+            let pairs = got.iter().zip(&first);
+            flickering += pairs.filter(|(a, b)| is_class(a) != is_class(b)).count();
         }
         println!("{filter:?}: {flickering} flickering, {anew} maps drawn anew");
         assert!(anew > 0, "no cell was left");
