@@ -165,3 +165,24 @@ pub(super) fn screen_of(
     let picture = capture.screens.iter().find(|picture| picture.name == name);
     crate::image_files::to_image(picture.with_context(|| format!("no picture of screen {name}"))?)
 }
+
+#[cfg(test)]
+mod tests {
+    use polyptych_wall::surface::Plane;
+    use polyptych_wall::{ShadowFilter, Surface};
+
+    use super::*;
+
+    #[test]
+    fn the_single_channel_draws_as_the_wall_does() {
+        let plane = Plane::upright(DVec3::NEG_Z, glam::DVec2::ONE);
+        let screen = Screen::new("front", Surface::Plane(plane), glam::UVec2::splat(64));
+        let wall = Wall {
+            samples: 4,
+            shadows: ShadowFilter::ContactHardening,
+            ..Wall::new("two", vec![screen], Vec::new())
+        };
+        let single = single(&wall, 0);
+        assert_eq!((single.samples, single.shadows), (wall.samples, wall.shadows));
+    }
+}
