@@ -226,6 +226,22 @@ pub(crate) mod tests {
         }
     }
 
+    /// GGX with the height-correlated Smith term, in f64: 1 − ln 2 at roughness 1 seen from above,
+    /// and what comes back of light from all around, which a layer without compensation loses.
+    #[test]
+    fn a_single_reflection_loses_as_much_as_is_known() {
+        let above = looked_up(1.0, 1.0)[0];
+        assert!((above - (1.0 - 2f64.ln())).abs() < 0.002, "{above}");
+        for (roughness, wanted) in
+            [(0.1, 0.9996), (0.25, 0.9869), (0.5, 0.8824), (0.75, 0.6562), (1.0, 0.4091)]
+        {
+            let at = |n: i32| (f64::from(n) + 0.5) / 256.0;
+            let parts = (0..256).map(|n| looked_up(at(n), roughness)[0] * at(n) * 2.0 / 256.0);
+            let got: f64 = parts.sum();
+            assert!((got - wanted).abs() < 0.002, "{got} instead of {wanted} at {roughness}");
+        }
+    }
+
     #[test]
     fn weights_of_the_quadrature_add_up_to_one() {
         let nodes = gauss_legendre();
