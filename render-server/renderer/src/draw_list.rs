@@ -3,19 +3,19 @@
 //! Culling for a channel leaves draws out, but never reorders the others. So if two surfaces have
 //! one depth, the same one wins in every channel.
 
-use std::borrow::Cow;
 use std::collections::BTreeSet;
 
 use glam::{DAffine3, DMat4, DVec3};
+use rayon::prelude::*;
 
 use super::cull::FrustumPlanes;
 use super::error_tolerance::ErrorTolerance;
-use super::item_draws::ItemDraws;
+use super::item_draws::{self, ItemDraws};
+use super::many_items;
 use super::pass::shadow::casts_shadows;
 use super::pipeline::InstanceRecord;
-use super::scene::{
-    Billboard, Bounds, DrawItem, EyeRelativeTransform, GpuScene, Stance, TriangleOrder, relative_to,
-};
+use super::scene::{Billboard, Bounds, DrawItem, GpuScene, Stance};
+use super::seen_from::SeenFrom;
 use super::view::ViewDesc;
 
 /// Beyond so many visible items it costs more to find what of the target they touch than it
@@ -60,15 +60,11 @@ pub(crate) struct DrawList {
 /// Room that is kept from frame to frame.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    /// Rank of the batch, bits of the distance, item.
-    opaque: Vec<(u32, u64, u32)>,
-    blended: Vec<(u64, u32)>,
+    /// Rank of the batch, bits of the distance, item, batch.
+    opaque: Vec<(u32, u64, u32, u32)>,
+    /// Bits of the distance, item, batch.
+    blended: Vec<(u64, u32, u32)>,
     ranks: Vec<u32>,
-    /// Meshlets of the item that is being drawn.
-    chosen: Vec<u32>,
-    /// Runs of its indices, and the depths of its triangles.
-    runs: Vec<Draw>,
-    depths: Vec<(u64, u32)>,
     /// Indices of all triangles of a frame that are drawn in the order of their distances.
     pub ordered_indices: Vec<u32>,
 }
@@ -82,7 +78,7 @@ pub(crate) enum ShadowItems {
     Moving,
 }
 
-/// The items that a view may show, in no particular order.
+/// The items that a view may show.
 #[derive(Debug)]
 pub(crate) struct VisibleItems {
     /// Pixels of the target that the view may touch: x, y, width, height.
@@ -100,10 +96,12 @@ pub(crate) struct VisibleItems {
 
 impl VisibleItems {
     /// Finds the items of the part of the scene that a view shows, within a rectangle of the
-    /// target.
+    /// target; rising.
     pub fn new(scene: &GpuScene, view: &ViewDesc, rectangle: [u32; 4]) -> Self {
         let turns = Billboard::turns(scene.billboards(), view);
         let mut found = Self::found(scene, view, rectangle, (ErrorTolerance::new(view), turns));
+        // What is known of items is read in the order in which it lies in memory.
+        found.items.par_sort_unstable();
         found.error_share = leave_out_small(scene, &found.tolerance, &mut found.items);
         found
     }
@@ -213,52 +211,45 @@ impl DrawList {
             ..Self::default()
         };
         sort(scene, view, items, scratch);
-        let seen_from =
-            SeenFrom { eye: view.eye_in_world, clip_from_eye: view.scaled_clip_from_eye(), turns };
-        let Scratch { opaque, blended, chosen, runs, depths, ordered_indices, .. } = scratch;
-        let mut order = Order { view, runs, depths, indices: ordered_indices };
+        let clip_from_eye = view.scaled_clip_from_eye();
+        let seen_from = SeenFrom { scene, eye: view.eye_in_world, clip_from_eye, turns };
         let (tolerance, both_sides) = (*tolerance, *both_sides);
-        let mut item_draws = ItemDraws { scene, planes, tolerance, both_sides, chosen };
-        for &(_, _, index) in &*opaque {
-            list.add(&mut item_draws, &seen_from, index, (&mut order, instances));
-        }
-        for &(_, index) in &*blended {
-            list.add(&mut item_draws, &seen_from, index, (&mut order, instances));
-        }
+        let item_draws = ItemDraws { view, seen_from, planes, tolerance, both_sides };
+        let Scratch { opaque, blended, ordered_indices, .. } = scratch;
+        let opaque: Vec<_> = opaque.iter().map(|&(_, _, item, batch)| (item, batch)).collect();
+        let blended: Vec<_> = blended.iter().map(|&(_, item, batch)| (item, batch)).collect();
+        list.opaque = list.add(&item_draws, &opaque, (instances, ordered_indices));
+        list.transparent = list.add(&item_draws, &blended, (instances, ordered_indices));
         list
     }
 
-    /// Appends an item's record and its draws, those of its back faces first if it has any.
+    /// Appends the records of items, given with their batches, and the indices of what of them is
+    /// drawn in the order of distances. Returns their draws.
     fn add(
         &mut self,
-        item_draws: &mut ItemDraws<'_>,
-        seen_from: &SeenFrom<'_>,
-        index: u32,
-        (order, instances): (&mut Order<'_>, &mut Vec<InstanceRecord>),
-    ) {
-        let scene = item_draws.scene;
-        let (item, stance, origin) = seen_from.place(scene, index);
-        let batch = &scene.layout.batches[item.batch as usize];
-        let indices = [0, scene.geometry_of(item.batch).index_count];
-        let (pipeline, first) = (batch.pipeline, instances.len() as u32);
-        let ordered = false;
-        let whole = Draw { batch: item.batch, pipeline, first, count: 1, indices, ordered };
-        instances.push(seen_from.record(scene, item, &stance, origin));
-        let draws = if batch.blended { &mut self.transparent } else { &mut self.opaque };
-        let drawn = if let Some((triangles, pipeline)) = scene.order_of(item.batch) {
-            order.runs.clear();
-            let whole = Draw { pipeline, ..whole };
-            let drawn = item_draws.add((&stance, origin), whole, order.runs);
-            draws.extend(order.draw(scene, triangles, (&stance, origin), whole));
-            drawn
+        item_draws: &ItemDraws<'_>,
+        items: &[(u32, u32)],
+        (instances, indices): (&mut Vec<InstanceRecord>, &mut Vec<u32>),
+    ) -> Vec<Draw> {
+        let first = instances.len();
+        let record = |&(item, _): &(u32, u32)| item_draws.seen_from.record(item);
+        if many_items::are_many(items) {
+            instances.par_extend(items.par_iter().map(record));
         } else {
-            if let Some(pipeline) = batch.back_pipeline {
-                item_draws.add((&stance, origin), Draw { pipeline, ..whole }, draws);
+            instances.extend(items.iter().map(record));
+        }
+        let mut draws = Vec::new();
+        for part in many_items::parts(items, |at, some| item_draws.of(some, (first + at) as u32)) {
+            let before = indices.len() as u32;
+            for mut draw in part.draws {
+                draw.indices[0] += if draw.ordered { before } else { 0 };
+                item_draws::extend(&mut draws, draw);
             }
-            item_draws.add((&stance, origin), whole, draws)
-        };
-        self.triangles += drawn.triangles;
-        self.error_share = self.error_share.max(drawn.error_share as f32);
+            indices.extend(part.ordered_indices);
+            self.triangles += part.triangles;
+            self.error_share = self.error_share.max(part.error_share as f32);
+        }
+        draws
     }
 }
 
@@ -280,100 +271,28 @@ pub(crate) fn samples_of(scene: &GpuScene, of: u32) -> Vec<Draw> {
     draws
 }
 
-/// The triangles of blended items in the order of their distances.
-struct Order<'a> {
-    view: &'a ViewDesc,
-    /// Runs of the indices of an item.
-    runs: &'a mut Vec<Draw>,
-    depths: &'a mut Vec<(u64, u32)>,
-    /// Those of the frame, which grow by an item's.
-    indices: &'a mut Vec<u32>,
-}
-
-impl Order<'_> {
-    /// Orders the triangles in the runs of an item; `None` without any.
-    fn draw(
-        &mut self,
-        scene: &GpuScene,
-        triangles: &TriangleOrder,
-        (stance, origin): (&Stance, DVec3),
-        whole: Draw,
-    ) -> Option<Draw> {
-        let first = self.indices.len() as u32;
-        let bent = scene.geometry_of(whole.batch).bent.as_ref().and_then(|bent| bent.positions());
-        let runs = self.runs.iter().map(|run| run.indices);
-        let depth = |at: DVec3| self.view.point_depth(origin + stance.linear * at);
-        triangles.append((runs, bent.as_deref()), depth, (self.depths, self.indices));
-        let count = self.indices.len() as u32 - first;
-        (count > 0).then_some(Draw { indices: [first, count], ordered: true, ..whole })
-    }
-}
-
-/// The viewpoint that records are relative to.
-#[derive(Debug)]
-struct SeenFrom<'a> {
-    eye: DVec3,
-    clip_from_eye: DMat4,
-    /// The turn of each billboard of the scene, in world space.
-    turns: &'a [DAffine3],
-}
-
-impl SeenFrom<'_> {
-    /// An item, how it stands, and its origin, in world space.
-    fn place<'a>(&self, scene: &'a GpuScene, index: u32) -> (&'a DrawItem, Cow<'a, Stance>, DVec3) {
-        let (item, stance, _) = scene.item(index);
-        let turn = stance.billboard.and_then(|billboard| self.turns.get(billboard as usize));
-        match turn {
-            None => (item, Cow::Borrowed(stance), item.origin),
-            Some(turn) => {
-                let (stance, origin) = stance.turned(item.origin, turn);
-                (item, Cow::Owned(stance), origin)
-            }
-        }
-    }
-
-    /// The record of an item that stands so, relative to the eye.
-    fn record(
-        &self,
-        scene: &GpuScene,
-        item: &DrawItem,
-        stance: &Stance,
-        origin: DVec3,
-    ) -> InstanceRecord {
-        let mesh_box = &scene.layout.mesh_boxes[item.mesh_box as usize];
-        let EyeRelativeTransform { near, rows, offset } =
-            relative_to(origin, stance.linear, self.eye, mesh_box);
-        InstanceRecord {
-            rows,
-            normal_rows: stance.normal_rows,
-            lamps: item.lamps,
-            near,
-            clip_offset: (self.clip_from_eye * offset.extend(1.0)).as_vec4().to_array(),
-        }
-    }
-}
-
 /// Removes the items whose meshes are too small for the allowed error, and returns the largest of
 /// their sizes as a share of it. Lines and points stay: they are one pixel wide at any distance.
 fn leave_out_small(scene: &GpuScene, tolerance: &ErrorTolerance, visible: &mut Vec<u32>) -> f32 {
-    let mut largest: f64 = 0.0;
     if tolerance.is_zero() {
         return 0.0;
     }
-    visible.retain(|&index| {
+    let share_of = |index: u32| {
         let (item, stance, bounds) = scene.item(index);
         if scene.layout.batches[item.batch as usize].triangles == 0 {
-            return true;
+            return None;
         }
         let own = (bounds.center(), bounds.half().length());
-        let mut share = tolerance.share_if_small(own);
-        if share.is_some() && stance.billboard.is_none() {
-            share = tolerance.share_if_small(sphere_of_mesh(scene, item, stance));
+        let share = tolerance.share_if_small(own)?;
+        if stance.billboard.is_some() {
+            return Some(share);
         }
-        largest = largest.max(share.unwrap_or(0.0));
-        share.is_none()
-    });
-    largest as f32
+        tolerance.share_if_small(sphere_of_mesh(scene, item, stance))
+    };
+    let shares = many_items::find(visible, |item| Some(share_of(item)));
+    let mut of_each = shares.iter();
+    visible.retain(|_| of_each.next().is_none_or(Option::is_none));
+    shares.into_iter().flatten().fold(0.0, f64::max) as f32
 }
 
 /// A sphere around all parts of an item's mesh in its place: many small parts may make up a surface
@@ -407,20 +326,29 @@ fn sort(scene: &GpuScene, view: &ViewDesc, items: &[u32], scratch: &mut Scratch)
     for (rank, (_, batch)) in (0u32..).zip(batches) {
         scratch.ranks[batch as usize] = rank;
     }
+    let ranks = &scratch.ranks;
+    let keys = |_, some: &[u32]| {
+        let (mut opaque, mut blended) = (Vec::with_capacity(some.len()), Vec::new());
+        for &index in some {
+            let (item, _, bounds) = scene.item(index);
+            let distance = view.sort_depth(bounds, false);
+            if scene.layout.batches[item.batch as usize].blended {
+                blended.push((!rising(distance), index, item.batch));
+            } else {
+                let near = rising(f64::from(distance as f32));
+                opaque.push((ranks[item.batch as usize], near, index, item.batch));
+            }
+        }
+        (opaque, blended)
+    };
     scratch.opaque.clear();
     scratch.blended.clear();
-    for &index in items {
-        let (item, _, bounds) = scene.item(index);
-        let distance = view.sort_depth(bounds, false);
-        if scene.layout.batches[item.batch as usize].blended {
-            scratch.blended.push((!rising(distance), index));
-        } else {
-            let near = rising(f64::from(distance as f32));
-            scratch.opaque.push((scratch.ranks[item.batch as usize], near, index));
-        }
+    for (opaque, blended) in many_items::parts(items, keys) {
+        scratch.opaque.extend(opaque);
+        scratch.blended.extend(blended);
     }
-    scratch.opaque.sort_unstable();
-    scratch.blended.sort_unstable();
+    scratch.opaque.par_sort_unstable();
+    scratch.blended.par_sort_unstable();
 }
 
 /// Bits in the order of the numbers: those of negative ones turned around, below all others. A

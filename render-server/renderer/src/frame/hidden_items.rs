@@ -14,6 +14,7 @@ use super::{DrawContext, FrameResources, around, check_records};
 use crate::DrawError;
 use crate::draw_list::DrawList;
 use crate::gpu::Gpu;
+use crate::many_items;
 use crate::occlusion::{OcclusionCulling, OcclusionTest};
 use crate::occlusion_trial::OcclusionTrial;
 use crate::pass::occluder::{OccluderPass, OccluderTarget, may_occlude};
@@ -96,9 +97,10 @@ impl FrameResources {
         self.clear_lists();
         let mut lists = Vec::with_capacity(shown.len());
         for (index, (view, visible)) in shown.iter().enumerate() {
-            let mut items = visible.items.clone();
-            items.retain(|&item| {
-                !target.occlusion.was_hidden(index, item) && hides_much(scene, view, item)
+            let occlusion = &target.occlusion;
+            let items = many_items::find(&visible.items, |item| {
+                let was_hidden = occlusion.was_hidden(index, item);
+                (!was_hidden && hides_much(scene, view, item)).then_some(item)
             });
             let (scratch, records) = (&mut self.scratch, &mut self.records);
             lists.push(DrawList::new(scene, view, (visible, &items), scratch, records));
@@ -155,12 +157,13 @@ impl OccluderDepths {
             let test = OcclusionTest::new(view, visible.rectangle, &depths);
             bits.clear();
             bits.resize(scene.layout.items.len().div_ceil(64), 0);
-            visible.items.retain(|&item| {
-                let is_hidden = test.hides(scene.item(item).2);
-                bits[item as usize / 64] |= u64::from(is_hidden) << (item % 64);
-                count += u32::from(is_hidden);
-                !is_hidden
-            });
+            let hides = |item| test.hides(scene.item(item).2).then_some(item);
+            let hidden = many_items::find(&visible.items, hides);
+            count += hidden.len() as u32;
+            for item in hidden {
+                bits[item as usize / 64] |= 1 << (item % 64);
+            }
+            visible.items.retain(|item| bits[*item as usize / 64] >> (item % 64) & 1 == 0);
         }
         Ok(HiddenItems { count, touched: self.touched })
     }

@@ -219,6 +219,12 @@ impl Meshlets {
         }
     }
 
+    /// Returns whether its finest level is the source itself, and not one that is held for want of
+    /// finer ones.
+    pub fn is_held_whole(&self) -> bool {
+        self.held.largest <= 0.0
+    }
+
     /// Returns what is drawn, if that is quickly seen to be all of one level.
     pub fn one_level(&self, errors: &ItemErrors) -> Option<LevelRun> {
         let [least, most] = errors.allowed_within(&self.around);
