@@ -85,8 +85,8 @@ impl LoadedState {
 #[derive(Debug)]
 pub(crate) enum Upload {
     /// A new scene begins; what it has in common with the one that was finished last is there
-    /// already, if so said.
-    Begin { layout: Arc<SceneLayout>, shares: bool },
+    /// already, if so said. Of a scene within a budget it may be a part.
+    Begin { layout: Arc<SceneLayout>, shares: bool, is_part: bool },
     /// The scene that was finished last is laid out otherwise, but for what was moved since.
     Relayout { layout: Arc<SceneLayout>, moved: Option<Arc<MovedItems>> },
     /// A texture of it.

@@ -376,10 +376,11 @@ impl RenderThread {
 
     fn upload(&mut self, upload: Upload) {
         let uploaded = match upload {
-            Upload::Begin { layout, shares } => {
+            Upload::Begin { layout, shares, is_part } => {
                 let latest = self.states.back().filter(|_| shares);
                 SceneBuilder::of(&self.gpu, layout)
                     .map(|builder| builder.without_levels(self.losses.levels_left_out))
+                    .map(|builder| if is_part { builder.in_separate_buffers() } else { builder })
                     .map(|builder| match latest {
                         Some(latest) => builder.sharing(&latest.scene),
                         None => builder,

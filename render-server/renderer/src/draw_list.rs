@@ -24,6 +24,11 @@ const TOUCH_ITEMS_MAX: usize = 2048;
 /// Pixels by which the touched rectangle is wider, for lines, points and rounding.
 const TOUCH_MARGIN: f64 = 2.0;
 
+/// So many batches are drawn nearest first; more of them by shells of distances.
+const NEAR_FIRST_BATCHES_MAX: usize = 64;
+/// Low bits of a square of a distance that do not count: a shell is twice as far as the one before.
+const SHELL_BITS: u32 = f64::MANTISSA_DIGITS;
+
 /// One draw call: items of one batch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Draw {
@@ -303,27 +308,35 @@ fn sphere_of_mesh(scene: &GpuScene, item: &DrawItem, stance: &Stance) -> (DVec3,
     (center, stance.stretch * mesh_box.half().length())
 }
 
-/// Opaque: by batch, nearest batch first, and within it the nearest item first. Blended: the
-/// farthest item first. Ties go by index, that is by node, instance, primitive.
+/// Opaque: by batch, nearest batch first, and within it the nearest item first. Of many batches,
+/// those that are about as near go by pipeline and material, so that one command draws many of
+/// them. Blended: the farthest item first. Ties go by index, that is by node, instance, primitive.
 ///
 /// Batches are as near as those of their items that the view shows: what it does not show must not
 /// decide which of two surfaces of one depth wins.
 fn sort(scene: &GpuScene, view: &ViewDesc, items: &[u32], scratch: &mut Scratch) {
     let part = scene.layout.tree.select(&view.subset);
     let own = (!part.has_all_places()).then(|| scene.batch_bounds_of(part));
-    let mut batches: Vec<(f64, u32)> = (0u32..)
+    let is_grouped = scene.layout.batches.len() > NEAR_FIRST_BATCHES_MAX;
+    let mut batches: Vec<(u64, [u32; 2], f64, u32)> = (0u32..)
         .zip(&scene.layout.batches)
-        .map(|(index, _)| {
+        .map(|(index, batch)| {
             let bounds =
                 own.as_ref().map_or_else(|| scene.batch_bounds(index), |own| own[index as usize]);
             let is_empty = bounds == Bounds::EMPTY;
-            (if is_empty { f64::INFINITY } else { view.sort_depth(&bounds, true) }, index)
+            let near = if is_empty { f64::INFINITY } else { view.sort_depth(&bounds, true) };
+            if is_grouped {
+                (rising(near) >> SHELL_BITS, [batch.pipeline, batch.material], near, index)
+            } else {
+                (0, [0; 2], near, index)
+            }
         })
         .collect();
-    batches.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let key = |of: &(u64, [u32; 2], f64, u32)| (of.0, of.1, rising(of.2), of.3);
+    batches.sort_unstable_by_key(key);
     scratch.ranks.clear();
     scratch.ranks.resize(batches.len(), 0);
-    for (rank, (_, batch)) in (0u32..).zip(batches) {
+    for (rank, (.., batch)) in (0u32..).zip(batches) {
         scratch.ranks[batch as usize] = rank;
     }
     let ranks = &scratch.ranks;

@@ -10,6 +10,7 @@ mod ambient_occlusion;
 mod begun_frame;
 mod behind;
 mod depth_of_field;
+mod draw_args;
 mod draw_context;
 mod frame_buffer;
 mod frame_content;
@@ -50,8 +51,8 @@ use begun_frame::ShownView;
 pub use begun_frame::{BegunFrame, SubmittedFrame};
 use behind::{BehindPictures, DrawnWith};
 use depth_of_field::DiscPictures;
-pub(crate) use draw_context::DrawContext;
 use draw_context::FrameBindings;
+pub(crate) use draw_context::{DrawContext, ListPart};
 use frame_buffer::{FrameBuffer, is_too_large};
 use frame_content::FrameContent;
 use glow::GlowPictures;
@@ -73,6 +74,8 @@ pub(crate) struct FrameResources {
     lamps: FrameBuffer,
     instances: FrameBuffer,
     ordered_indices: FrameBuffer,
+    /// Arguments of draws.
+    args: FrameBuffer,
     behind_uniforms: FrameBuffer,
     behind: BehindPictures,
     discs: DiscPictures,
@@ -100,6 +103,7 @@ impl FrameResources {
             lamps: FrameBuffer::new("frame/lamps", wgpu::BufferUsages::STORAGE),
             instances: FrameBuffer::new("frame/instances", vertex),
             ordered_indices: FrameBuffer::new("frame/ordered_indices", wgpu::BufferUsages::INDEX),
+            args: FrameBuffer::new("frame/draw_args", wgpu::BufferUsages::INDIRECT),
             behind_uniforms: FrameBuffer::new("frame/behind", wgpu::BufferUsages::UNIFORM),
             behind: BehindPictures::default(),
             discs: DiscPictures::default(),
@@ -358,7 +362,7 @@ impl FrameResources {
         };
         let mut context = self.context(gpu, bindings, scene, vec![&view], &lists);
         // A multiple of what points, lines and triangles take.
-        context.index_count_max = 6;
+        (context.index_count_max, context.args) = (6, None);
         context.shadows = shadows.none(gpu, scene);
         let mut encoder = gpu
             .device

@@ -15,6 +15,9 @@ pub(crate) const GPU_WAIT_MAX: Duration = Duration::from_secs(30);
 const TIMESTAMPS: wgpu::Features =
     wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS);
 
+/// Draws whose arguments the GPU reads can begin with any instance.
+const INDIRECT_INSTANCES: wgpu::Features = wgpu::Features::INDIRECT_FIRST_INSTANCE;
+
 /// Why no GPU could be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum GpuError {
@@ -106,6 +109,13 @@ impl Gpu {
         self.device.features().contains(TIMESTAMPS)
     }
 
+    /// Returns whether it reads the arguments of draws by itself.
+    pub(crate) fn draws_indirectly(&self) -> bool {
+        let flags = self.adapter.get_downlevel_capabilities().flags;
+        self.device.features().contains(INDIRECT_INSTANCES)
+            && flags.contains(wgpu::DownlevelFlags::INDIRECT_EXECUTION)
+    }
+
     /// Returns the GPUs of this machine that can be opened, with their drivers.
     pub fn list() -> Vec<AdapterInfo> {
         adapters(&Self::headless_instance()).iter().map(AdapterInfo::of).collect()
@@ -121,7 +131,7 @@ impl Gpu {
         let with = |backends| {
             let mut descriptor = describe().with_env();
             descriptor.backends = backends;
-            // Nothing is drawn indirectly, so the pipelines that check such draws are not needed.
+            // What is drawn indirectly was checked here, as what is drawn directly is.
             descriptor.flags.remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
             wgpu::Instance::new(descriptor)
         };
@@ -291,7 +301,7 @@ fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue), G
         label: Some("gpu/device"),
         required_limits: limits,
         // How long passes take is measured where that can be.
-        required_features: adapter.features() & TIMESTAMPS,
+        required_features: adapter.features() & (TIMESTAMPS | INDIRECT_INSTANCES),
         ..Default::default()
     });
     pollster::block_on(request).map_err(|error| GpuError::Device {

@@ -7,6 +7,7 @@ mod bvh;
 mod content_place;
 mod draw_item;
 mod geometry;
+mod geometry_room;
 mod identity;
 mod items_by_batch;
 mod lamp_grid;

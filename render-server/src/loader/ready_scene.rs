@@ -119,7 +119,9 @@ impl Loader {
         if is_known {
             self.upload(Upload::Relayout { layout: Arc::clone(&ready.layout), moved: None })?;
         } else {
-            self.upload_content(&ready, held, part.as_ref(), line)?;
+            // What is in buffers that others share would keep their memory.
+            let is_alike = before.is_some_and(|of| of.weights.is_some() == part.is_some());
+            self.upload_content(&ready, held.filter(|_| is_alike), part.as_ref(), line)?;
         }
         Ok(ready)
     }
@@ -165,7 +167,8 @@ impl Loader {
     ) -> Result<(), String> {
         let layout = &ready.layout;
         let missing = layout.content_beyond(held);
-        self.upload(Upload::Begin { layout: Arc::clone(layout), shares: held.is_some() })?;
+        let (shares, is_part) = (held.is_some(), part.is_some());
+        self.upload(Upload::Begin { layout: Arc::clone(layout), shares, is_part })?;
         let order = BlobOrder { bulk: &line.bulk, check: &|| self.check(line) };
         let host_bytes = ready.budget.host_bytes();
         let wanted = missing.into_iter().map(|(hash, place)| {

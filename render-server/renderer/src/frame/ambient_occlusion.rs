@@ -11,7 +11,7 @@ use super::begun_frame::ShownView;
 use super::draw_context::FrameBindings;
 use super::frame_buffer::FrameBuffer;
 use super::submission::Submission;
-use super::{FrameResources, check_records};
+use super::{FrameResources, ListPart, check_records};
 use crate::DrawError;
 use crate::bindings::uniform_stride;
 use crate::draw_list::{DrawList, VisibleItems};
@@ -263,8 +263,8 @@ impl FrameResources {
         let mut encoder = gpu.device.create_command_encoder(&descriptor);
         timer.begin(&mut encoder);
         let mut pass = textures.begin_depths(&mut encoder);
-        for (view, list) in lists.iter().enumerate() {
-            context.draw(&mut pass, view, &list.opaque);
+        for view in 0..lists.len() {
+            context.draw(&mut pass, view, ListPart::Opaque);
         }
         drop(pass);
         Ok(DrawnDepths { encoder, touched })

@@ -3,6 +3,7 @@
 use super::FrameResources;
 use super::ambient_occlusion::OcclusionBinding;
 use super::behind::BehindBinding;
+use super::draw_args;
 use crate::bindings::{FrameExtras, frame_layout, uniform_stride};
 use crate::draw_list::{Draw, DrawList};
 use crate::environment::Environment;
@@ -42,6 +43,16 @@ pub(crate) struct DrawContext<'a> {
     pub(super) lamp_stride: u32,
     /// No more indices of a geometry than this are drawn.
     pub(super) index_count_max: u32,
+    /// The arguments of all draws, and the number of those before each list; `None` where the GPU
+    /// reads none.
+    pub(super) args: Option<(&'a wgpu::Buffer, Vec<u32>)>,
+}
+
+/// A part of a list of draws.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ListPart {
+    Opaque,
+    Transparent,
 }
 
 impl FrameResources {
@@ -109,6 +120,10 @@ impl FrameResources {
             extras.behind = true;
             (group(extras, &entries), stride as u32)
         });
+        let mut first_args = Vec::new();
+        let args =
+            gpu.draws_indirectly().then(|| draw_args::of_lists(scene, lists, &mut first_args));
+        let args = args.filter(|bytes| !bytes.is_empty());
         DrawContext {
             scene,
             pipelines,
@@ -123,6 +138,7 @@ impl FrameResources {
             uniform_stride: uniform_size as u32,
             lamp_stride: lamp_stride as u32,
             index_count_max: u32::MAX,
+            args: args.map(|bytes| (self.args.write(gpu, &bytes), first_args)),
         }
     }
 }
@@ -150,7 +166,12 @@ impl DrawContext<'_> {
     }
 
     /// Encodes draws of one view; sets only what changes from draw to draw.
-    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, view: usize, draws: &[Draw]) {
+    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, view: usize, part: ListPart) {
+        let list = &self.lists[view];
+        let (draws, mut next) = match part {
+            ListPart::Opaque => (&list.opaque, 0),
+            ListPart::Transparent => (&list.transparent, list.opaque.len()),
+        };
         if draws.is_empty() {
             return;
         }
@@ -159,39 +180,96 @@ impl DrawContext<'_> {
             pass.set_bind_group(1, shadows, &[]);
         }
         pass.set_vertex_buffer(1, self.instances.slice(..));
-        let mut transmitted = false;
-        let (mut pipeline, mut material, mut geometry) = (None, None, None);
-        for draw in draws {
-            let batch = &self.scene.layout.batches[draw.batch as usize];
-            let Some(with) = self.pipelines[draw.pipeline as usize] else { continue };
-            if pipeline.replace(draw.pipeline) != Some(draw.pipeline) {
-                pass.set_pipeline(with);
-                let transmits = self.scene.layout.keys[draw.pipeline as usize].transmits();
-                if std::mem::replace(&mut transmitted, transmits) != transmits {
-                    self.bind_frame(pass, view, transmits);
-                }
+        let mut last = None;
+        for alike in draws.chunk_by(|a, b| self.state(a) == self.state(b)) {
+            let first = next;
+            next += alike.len();
+            let state = self.state(&alike[0]);
+            if let Some(pipeline) = self.pipelines[state.pipeline as usize] {
+                self.set(pass, view, (pipeline, &state), last.as_ref());
+                self.draw_alike(pass, view, alike, first);
+                last = Some(state);
             }
-            if self.has_materials && material.replace(batch.material) != Some(batch.material) {
-                let groups = &self.scene.materials[batch.material as usize];
-                pass.set_bind_group(2, &groups.material, &[]);
-                if let Some(extensions) = &groups.extensions {
-                    pass.set_bind_group(3, &extensions.group, &[]);
-                }
-            }
-            let shape = &self.scene.geometries[batch.geometry as usize];
-            let drawn = (batch.geometry, draw.ordered);
-            if geometry.replace(drawn) != Some(drawn) {
-                pass.set_vertex_buffer(0, shape.vertices.slice(..shape.vertex_bytes));
-                if let Some(ordered) = self.ordered_indices.filter(|_| draw.ordered) {
-                    pass.set_index_buffer(ordered.slice(..), wgpu::IndexFormat::Uint32);
-                } else {
-                    let indices = shape.indices.slice(shape.first_index_byte..);
-                    pass.set_index_buffer(indices, shape.index_format);
-                }
-            }
-            let [start, count] = draw.indices;
-            let indices = start..start + count.min(self.index_count_max);
-            pass.draw_indexed(indices, 0, draw.first..draw.first + draw.count);
         }
     }
+
+    /// All that is set for a draw.
+    fn state(&self, draw: &Draw) -> DrawState<'_> {
+        let batch = &self.scene.layout.batches[draw.batch as usize];
+        let shape = &self.scene.geometries[batch.geometry as usize];
+        let ordered = self.ordered_indices.filter(|_| draw.ordered);
+        let own = (&shape.indices, shape.index_format);
+        DrawState {
+            pipeline: draw.pipeline,
+            material: self.has_materials.then_some(batch.material),
+            vertices: &shape.vertices,
+            indices: ordered.map_or(own, |ordered| (ordered, wgpu::IndexFormat::Uint32)),
+        }
+    }
+
+    /// Sets what of a state is not that of the last draw.
+    fn set(
+        &self,
+        pass: &mut wgpu::RenderPass<'_>,
+        view: usize,
+        (pipeline, state): (&wgpu::RenderPipeline, &DrawState<'_>),
+        last: Option<&DrawState<'_>>,
+    ) {
+        let DrawState { material, vertices, indices, .. } = state;
+        if last.is_none_or(|last| last.pipeline != state.pipeline) {
+            pass.set_pipeline(pipeline);
+            let transmits =
+                |of: &DrawState<'_>| self.scene.layout.keys[of.pipeline as usize].transmits();
+            let transmitted = last.is_some_and(transmits);
+            if transmits(state) != transmitted {
+                self.bind_frame(pass, view, !transmitted);
+            }
+        }
+        if let Some(material) = material.filter(|of| last.is_none_or(|l| l.material != Some(*of))) {
+            let groups = &self.scene.materials[material as usize];
+            pass.set_bind_group(2, &groups.material, &[]);
+            if let Some(extensions) = &groups.extensions {
+                pass.set_bind_group(3, &extensions.group, &[]);
+            }
+        }
+        if last.is_none_or(|last| last.vertices != *vertices) {
+            pass.set_vertex_buffer(0, vertices.slice(..));
+        }
+        if last.is_none_or(|last| last.indices != *indices) {
+            pass.set_index_buffer(indices.0.slice(..), indices.1);
+        }
+    }
+
+    /// Encodes draws with one state, of which the first is in this place among those of its list.
+    fn draw_alike(
+        &self,
+        pass: &mut wgpu::RenderPass<'_>,
+        view: usize,
+        draws: &[Draw],
+        first: usize,
+    ) {
+        if let Some((buffer, before)) = self.args.as_ref().filter(|_| draws.len() > 1) {
+            let byte = (u64::from(before[view]) + first as u64) * draw_args::ARGS_BYTES;
+            pass.multi_draw_indexed_indirect(buffer, byte, draws.len() as u32);
+            return;
+        }
+        for draw in draws {
+            let args =
+                draw_args::args(self.scene.geometry_of(draw.batch), draw, self.index_count_max);
+            let indices = args.first_index..args.first_index + args.index_count;
+            let instances = args.first_instance..args.first_instance + args.instance_count;
+            pass.draw_indexed(indices, args.base_vertex, instances);
+        }
+    }
+}
+
+/// All that is set for a draw: those that follow each other with the same are one command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct DrawState<'a> {
+    /// An index into the scene's pipeline keys.
+    pipeline: u32,
+    /// An index into the scene's materials; `None` where pipelines read none.
+    material: Option<u32>,
+    vertices: &'a wgpu::Buffer,
+    indices: (&'a wgpu::Buffer, wgpu::IndexFormat),
 }

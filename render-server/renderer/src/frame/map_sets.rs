@@ -10,7 +10,7 @@ use super::begun_frame::ShownView;
 use super::draw_context::FrameBindings;
 use super::map_set::{MapSet, MapWork, Subject};
 use super::shadow_map::ShadowMap;
-use super::{FrameResources, check_records};
+use super::{FrameResources, ListPart, check_records};
 use crate::DrawError;
 use crate::draw_list::{DrawList, ShadowItems};
 use crate::gpu::Gpu;
@@ -197,7 +197,7 @@ impl MapSets {
             match step {
                 Step::Pass(list, map, keeps) => {
                     let mut pass = shadow::begin(&mut encoder, map, *keeps);
-                    context.draw(&mut pass, *list, &lists[*list].opaque);
+                    context.draw(&mut pass, *list, ListPart::Opaque);
                 }
                 Step::Copy(set, layer) => self.sets[*set].copy_still(&mut encoder, *layer),
             }

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use polyptych_scene::{Topology, VertexLayout};
 
 use crate::bindings::{self, FrameExtras};
-use crate::frame::DrawContext;
+use crate::frame::{DrawContext, ListPart};
 use crate::gpu::Gpu;
 use crate::occlusion::CellDepths;
 use crate::pipeline::{
@@ -256,8 +256,8 @@ impl OccluderTarget {
     /// Encodes the depth of the draws of all views, of a context with [`OccluderPass::pipelines`].
     pub fn encode_depth(&self, encoder: &mut wgpu::CommandEncoder, context: &DrawContext<'_>) {
         let mut pass = begin(encoder, "occluder/pass", &self.depth);
-        for (view, list) in context.lists.iter().enumerate() {
-            context.draw(&mut pass, view, &list.opaque);
+        for view in 0..context.lists.len() {
+            context.draw(&mut pass, view, ListPart::Opaque);
         }
     }
 

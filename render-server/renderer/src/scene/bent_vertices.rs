@@ -31,9 +31,14 @@ impl BentVertices {
         Self { deformer, written: Mutex::default() }
     }
 
-    /// Writes the vertices in a shape to the beginning of a buffer. Returns the box around them, in
+    /// Writes the vertices in a shape to a buffer, from this one on. Returns the box around them, in
     /// the space of their mesh.
-    pub fn bend(&self, gpu: &Gpu, buffer: &wgpu::Buffer, shape: &Shape) -> (Vec3, Vec3) {
+    pub fn bend(
+        &self,
+        gpu: &Gpu,
+        (buffer, first_vertex): (&wgpu::Buffer, u32),
+        shape: &Shape,
+    ) -> (Vec3, Vec3) {
         let mut written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
         if written.shape.as_ref() == Some(shape) {
             return written.bounds;
@@ -44,7 +49,8 @@ impl BentVertices {
             written.floats.chunks_exact(stride).map(|of| Vec3::new(of[0], of[1], of[2]));
         let around = |(min, max): (Vec3, Vec3), at: Vec3| (min.min(at), max.max(at));
         written.bounds = positions.fold((Vec3::MAX, Vec3::MIN), around);
-        gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&written.floats));
+        let first_byte = u64::from(first_vertex) * u64::from(self.deformer.layout.stride());
+        gpu.queue.write_buffer(buffer, first_byte, bytemuck::cast_slice(&written.floats));
         written.shape = Some(shape.clone());
         written.bounds
     }

@@ -8,6 +8,7 @@ use polyptych_scene::{Fill, Sampler, Scene};
 
 use super::bent_vertices::BentVertices;
 use super::geometry::{self, Geometry};
+use super::geometry_room::{GeometryRoom, SharedRoom};
 use super::layout::SceneLayout;
 use super::meshlet::Meshlets;
 use super::outline::Outline;
@@ -68,6 +69,8 @@ pub struct SceneBuilder {
     /// Bindings of all materials, where they are those of a scene that is there.
     materials: Option<Arc<Vec<MaterialGroups>>>,
     levels_left_out: u32,
+    /// `None` before the first primitive came.
+    room: Option<GeometryRoom>,
 }
 
 impl SceneBuilder {
@@ -92,7 +95,15 @@ impl SceneBuilder {
         let textures = (0..layout.textures.count).map(|_| None).collect();
         let geometries = (0..layout.geometries.count).map(|_| None).collect();
         let outlines = layout.outlines.iter().map(|_| None).collect();
-        Ok(Self { layout, textures, geometries, outlines, materials: None, levels_left_out: 0 })
+        let (materials, levels_left_out, room) = (None, 0, None);
+        Ok(Self { layout, textures, geometries, outlines, materials, levels_left_out, room })
+    }
+
+    /// Gives each primitive a buffer of its own: memory is given back as soon as one is left out of
+    /// a scene that shares the others. Else many have one, which is faster to draw.
+    #[must_use]
+    pub fn in_separate_buffers(self) -> Self {
+        Self { room: Some(GeometryRoom::Separate), ..self }
     }
 
     /// Leaves the largest levels of all textures out, where smaller ones remain: each takes a
@@ -169,7 +180,10 @@ impl SceneBuilder {
         } else {
             let meshlets = Meshlets::parse(desc, bytes)
                 .map_err(|fault| SceneError::Description(format!("{what}: {fault}")))?;
-            Geometry::upload(gpu, desc, bytes, meshlets).map_err(fault)?
+            let room = self.room.get_or_insert_with(|| {
+                GeometryRoom::Shared(missing_geometries(&self.layout, &self.geometries))
+            });
+            Geometry::upload(gpu, desc, (bytes, room), meshlets)
         };
         for (of, outline) in self.layout.outlines.iter().zip(&mut self.outlines) {
             if of.slot == slot && outline.is_none() {
@@ -255,6 +269,16 @@ impl SceneBuilder {
             environment: None,
         })
     }
+}
+
+/// Room for the geometries of a layout that are not there yet.
+fn missing_geometries(layout: &SceneLayout, there: &[Option<Geometry>]) -> SharedRoom {
+    let mut known: Vec<bool> = there.iter().map(Option::is_some).collect();
+    let primitives = layout.desc.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let slots = layout.geometries.of.iter();
+    let missing =
+        slots.zip(primitives).filter(|(slot, _)| !std::mem::replace(&mut known[**slot], true));
+    SharedRoom::new(missing.map(|(_, primitive)| primitive))
 }
 
 /// The bindings of all materials of a layout, whose textures are given by slot.

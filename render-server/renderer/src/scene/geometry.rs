@@ -6,6 +6,7 @@ use std::sync::Arc;
 use polyptych_scene::{IndexFormat, Primitive};
 
 use super::bent_vertices::BentVertices;
+use super::geometry_room::GeometryRoom;
 use super::meshlet::Meshlets;
 use super::triangle_order::TriangleOrder;
 use crate::gpu::Gpu;
@@ -14,12 +15,11 @@ use crate::gpu::Gpu;
 #[derive(Clone, Debug)]
 pub(crate) struct Geometry {
     pub vertices: wgpu::Buffer,
-    /// Bytes of the vertices, which come first in their buffer.
-    pub vertex_bytes: u64,
-    /// The buffer of the vertices, or another one.
+    /// The first of them in their buffer, whose vertices all are as large.
+    pub first_vertex: u32,
     pub indices: wgpu::Buffer,
-    /// The place of the first index in their buffer, in bytes.
-    pub first_index_byte: u64,
+    /// The first of them in their buffer, whose indices all have one format.
+    pub first_index: u32,
     /// Those of its finest level; indices of coarser levels follow them.
     pub index_count: u32,
     pub index_format: wgpu::IndexFormat,
@@ -33,12 +33,12 @@ pub(crate) struct Geometry {
 
 impl Geometry {
     /// Copies the vertices and indices of checked bytes to the GPU.
-    pub fn upload(
+    pub(super) fn upload(
         gpu: &Gpu,
         desc: &Primitive,
-        bytes: &[u8],
+        (bytes, room): (&[u8], &mut GeometryRoom),
         meshlets: Option<Meshlets>,
-    ) -> Result<Self, String> {
+    ) -> Self {
         let (vertices, rest) = bytes.split_at(desc.vertex_bytes() as usize);
         let index_bytes = (desc.geometry_bytes() - desc.vertex_bytes()) as usize;
         let index_width = index_bytes / desc.index_count_of_all().max(1) as usize;
@@ -46,41 +46,26 @@ impl Geometry {
         let indices = meshlets.as_ref().map_or(Cow::Borrowed(in_blob), |meshlets| {
             meshlets.in_draw_order(in_blob, index_width)
         });
-        let rewritten = match desc.deformed {
-            Some(_) => wgpu::BufferUsages::COPY_DST,
-            None => wgpu::BufferUsages::empty(),
-        };
-        let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("geometry/buffer"),
-            // An odd number of short indices ends between two multiples of 4.
-            size: desc.geometry_bytes().next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT),
-            usage: wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::INDEX | rewritten,
-            mapped_at_creation: true,
-        });
-        {
-            let mut view = buffer.get_mapped_range_mut(..).map_err(|error| error.to_string())?;
-            view.slice(..vertices.len()).copy_from_slice(vertices);
-            let end = vertices.len() + indices.len();
-            view.slice(vertices.len()..end).copy_from_slice(&indices);
-        }
-        buffer.unmap();
+        let [vertex_place, index_place] = room.places(gpu, desc);
+        vertex_place.write(gpu, vertices);
+        index_place.write(gpu, &indices);
         let index_format = if desc.index_format == IndexFormat::U32 {
             wgpu::IndexFormat::Uint32
         } else {
             wgpu::IndexFormat::Uint16
         };
-        let (vertex_bytes, index_count) = (desc.vertex_bytes(), desc.index_count);
-        Ok(Self {
-            vertices: buffer.clone(),
-            vertex_bytes,
-            indices: buffer,
-            first_index_byte: vertex_bytes,
-            index_count,
+        let first = |byte: u64, size: u64| (byte / size) as u32;
+        Self {
+            first_vertex: first(vertex_place.first_byte, desc.layout.stride().into()),
+            vertices: vertex_place.buffer,
+            first_index: first(index_place.first_byte, index_format.byte_size() as u64),
+            indices: index_place.buffer,
+            index_count: desc.index_count,
             index_format,
             meshlets: meshlets.map(Arc::new),
             bent: None,
             order: None,
-        })
+        }
     }
 
     /// Returns it to be blended: with its triangles if their order can be seen.
@@ -116,7 +101,7 @@ impl Geometry {
         gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(indices));
         Ok(Self {
             indices: buffer,
-            first_index_byte: 0,
+            first_index: 0,
             index_count: indices.len() as u32,
             index_format: wgpu::IndexFormat::Uint32,
             meshlets: None,

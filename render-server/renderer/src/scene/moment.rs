@@ -66,7 +66,8 @@ impl GpuScene {
             let geometry = &self.geometries[self.layout.geometries.of[at]];
             let still = (primitive.min, primitive.max);
             let bent = geometry.bent.as_ref();
-            bent.map_or(still, |bent| bent.bend(gpu, &geometry.vertices, shape))
+            let place = (&geometry.vertices, geometry.first_vertex);
+            bent.map_or(still, |bent| bent.bend(gpu, place, shape))
         };
         primitives.into_par_iter().map(bend).collect()
     }
