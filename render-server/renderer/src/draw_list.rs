@@ -25,7 +25,7 @@ const TOUCH_ITEMS_MAX: usize = 2048;
 const TOUCH_MARGIN: f64 = 2.0;
 
 /// So many batches are drawn nearest first; more of them by shells of distances.
-const NEAR_FIRST_BATCHES_MAX: usize = 64;
+const NEAR_FIRST_BATCHES_MAX: usize = 256;
 /// Low bits of a square of a distance that do not count: a shell is twice as far as the one before.
 const SHELL_BITS: u32 = f64::MANTISSA_DIGITS;
 
