@@ -44,11 +44,12 @@ impl Client {
 
     /// Returns the pictures of the wall for a person who watches: of the next frame that it draws
     /// by itself, or of its last one. Unlike [`Client::capture`] it neither moves scene time on
-    /// nor waits for a channel longer than other frames do.
+    /// nor waits for a channel longer than other frames do. With at least `width` pixels across all
+    /// screens, if the wall has so many, it costs a network little; 0 is for all pixels.
     ///
     /// # Errors
     /// Those of [`Client::capture`].
-    pub async fn preview(&self) -> Result<Capture, ClientError> {
-        self.pictures(Request::Preview).await
+    pub async fn preview(&self, width: u32) -> Result<Capture, ClientError> {
+        self.pictures(Request::Preview { width }).await
     }
 }

@@ -106,7 +106,7 @@ impl Timeouts {
             | Request::SetGlow(_)
             | Request::SetAmbientOcclusion(_)
             | Request::SetDepthOfField(_) => self.open_scene,
-            Request::Capture { .. } | Request::Preview => self.capture,
+            Request::Capture { .. } | Request::Preview { .. } => self.capture,
             _ => self.other,
         }
     }

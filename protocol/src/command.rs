@@ -1,5 +1,7 @@
 //! Commands of the manager to a render server, on the control connection.
 
+use std::num::NonZeroU32;
+
 use polyptych_scene::ClipTime;
 use polyptych_text::text_of_peer;
 use serde::{Deserialize, Serialize};
@@ -81,8 +83,10 @@ pub struct Frame {
     pub revision: Revision,
     /// The camera, the head, and how the scene is shown.
     pub presentation: Presentation,
-    /// `true` if every server sends the picture of this frame over its bulk connection, once drawn.
-    pub capture: bool,
+    /// Every server sends the picture of this frame over its bulk connection, once drawn: with the
+    /// mean light of squares of so many pixels along each side, 1 for all pixels. `None` if none
+    /// is wanted.
+    pub capture: Option<NonZeroU32>,
     /// The error up to which coarser levels of detail are drawn.
     pub detail: DetailBound,
     /// The clips that move the scene, as they stand in this frame.

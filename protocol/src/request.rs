@@ -228,10 +228,12 @@ pub enum Request {
     SetAmbientOcclusion(Option<AmbientOcclusion>),
     /// Blurs what is nearer or farther than a distance; `None` ends it.
     SetDepthOfField(Option<DepthOfField>),
-    /// Sends pictures as [`Request::Capture`] does, for a person who watches: of the next frame
-    /// that the wall draws by itself, or of the last one, drawn once more at its own scene time.
-    /// The frame waits for no channel longer than others do.
-    Preview,
+    /// Sends pictures as [`Request::Capture`] does, for a person who watches: of the wall's next
+    /// frame, or of its last one at its own scene time. It waits for no channel longer than others.
+    Preview {
+        /// The least pixels across all screens, each the mean light of a square; 0 for all.
+        width: u32,
+    },
     /// Keeps all that the wall shows and how it shows it under a name, in the place of what had
     /// that name: the scene with all that was changed of it, camera, head, views, stored views,
     /// tour, light, surroundings, bounds, modes and pace. The wall's calibration is no part of it.
@@ -280,7 +282,7 @@ impl Request {
             Self::Run(_) => "run",
             Self::Pause => "pause",
             Self::Capture { .. } => "capture the wall",
-            Self::Preview => "preview the wall",
+            Self::Preview { .. } => "preview the wall",
             Self::Status => "read the status",
             Self::DescribeWall => "read the wall's description",
             Self::Statistics { .. } => "read the statistics",

@@ -232,7 +232,7 @@ mod tests {
             time_s: 0.0,
             revision: Revision(1),
             presentation: Presentation::new(HeadPose::facing_forward(DVec3::ZERO, 0.0)),
-            capture: false,
+            capture: None,
             detail: DetailBound::default(),
             clips: Vec::new(),
             is_metered: false,

@@ -4,9 +4,12 @@
 
 mod geometry_cache;
 
+use std::borrow::Cow;
+use std::num::NonZeroU32;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use glam::UVec2;
 use polyptych_core::ClientRequest;
 use polyptych_protocol::bulk::CaptureChunk;
 use polyptych_protocol::ids::FrameId;
@@ -84,6 +87,8 @@ pub struct CaptureJob {
     pub job: ClientRequest,
     /// The frame that they show.
     pub frame: FrameId,
+    /// The side of the squares of pixels that the pictures have the mean light of.
+    side: NonZeroU32,
     /// Channels that will send none, with the reason.
     pub missing: Vec<(String, String)>,
     parts: Vec<ChannelImage>,
@@ -104,6 +109,26 @@ struct ChannelImage {
     bytes: Vec<u8>,
 }
 
+impl ChannelImage {
+    /// Its picture with all pixels of the channel's display.
+    fn enlarged(&self, wall: &Wall, side: NonZeroU32) -> Cow<'_, [u8]> {
+        let Some(channel) = wall.channel(self.channel).filter(|_| side > NonZeroU32::MIN) else {
+            return Cow::Borrowed(&self.bytes);
+        };
+        let size = channel.display_size();
+        let mut whole = Vec::with_capacity(4 * size.x as usize * size.y as usize);
+        let rows: Vec<&[u8]> = self.bytes.chunks_exact(4 * self.size.0.max(1) as usize).collect();
+        for y in 0..size.y {
+            let Some(row) = rows.get((y / side.get()) as usize) else { break };
+            for x in 0..size.x {
+                let at = 4 * (x / side.get()) as usize;
+                whole.extend_from_slice(row.get(at..at + 4).unwrap_or(&DARK));
+            }
+        }
+        Cow::Owned(whole)
+    }
+}
+
 /// A picture as it is sent to a client: sRGB RGBA8, rows from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CaptureImage {
@@ -117,7 +142,7 @@ impl CaptureJob {
     /// Waits for the pictures of these channels.
     pub fn new(
         job: ClientRequest,
-        frame: FrameId,
+        (frame, side): (FrameId, NonZeroU32),
         channels: &[ChannelId],
         missing: Vec<(String, String)>,
         (wall, shapes): (&Wall, &GeometryCache),
@@ -125,7 +150,8 @@ impl CaptureJob {
     ) -> Self {
         let part = |&id: &ChannelId| {
             let channel = wall.channel(id)?;
-            let (width, height) = channel.display_size().into();
+            let size = channel.display_size().to_array();
+            let [width, height] = size.map(|pixels| pixels.div_ceil(side.get()));
             Some(ChannelImage {
                 channel: id,
                 has_drawn: false,
@@ -136,7 +162,8 @@ impl CaptureJob {
             })
         };
         let parts = channels.iter().filter_map(part).collect();
-        Self { job, frame, missing, parts, wall: wall.clone(), shapes: shapes.clone(), room }
+        let (wall, shapes) = (wall.clone(), shapes.clone());
+        Self { job, frame, side, missing, parts, wall, shapes, room }
     }
 
     /// A piece has come. Pieces of other frames and pieces that don't fit are not taken.
@@ -212,7 +239,8 @@ impl CaptureJob {
         let mut pictures = Vec::new();
         for index in 0..u16::try_from(wall.screens.len()).unwrap_or(u16::MAX) {
             let sides = StereoEye::of(wall, index).iter();
-            pictures.extend(sides.map(|side| screen_picture(of, index, *side, &self.parts)));
+            pictures
+                .extend(sides.map(|eye| screen_picture(of, (index, *eye), self.side, &self.parts)));
         }
         for ChannelImage { name, size: (width, height), bytes, .. } in self.parts {
             let info = ImageInfo { name, is_screen: false, width, height };
@@ -222,31 +250,32 @@ impl CaptureJob {
     }
 }
 
-/// Returns the picture that one eye sees of a screen.
+/// Returns the picture that one eye sees of a screen: each pixel is that in the middle of a square,
+/// `side` pixels of the screen along each side.
 fn screen_picture(
     of: ResolvedWall<'_>,
-    index: u16,
-    side: StereoEye,
+    (index, eye): (u16, StereoEye),
+    side: NonZeroU32,
     parts: &[ChannelImage],
 ) -> CaptureImage {
     let wall = of.wall;
     let screen = &wall.screens[usize::from(index)];
-    let name = match side {
+    let name = match eye {
         StereoEye::Left => screen.name.clone(),
         StereoEye::Right => format!("{}-right", screen.name),
     };
-    let (width, height) = screen.canvas.into();
+    let [width, height] = screen.canvas.to_array().map(|pixels| pixels.div_ceil(side.get()));
     let rgba = DARK.repeat(width as usize * height as usize);
     let info = ImageInfo { name, is_screen: true, width, height };
     let mut picture = CaptureImage { info, rgba };
-    if needs_composite(wall, index, side) {
-        superpose(&mut picture, of, index, side, parts);
+    if needs_composite(wall, index, eye) {
+        superpose(&mut picture, of, (index, eye), side, parts);
         return picture;
     }
     for part in parts {
         let Some(channel) = wall.channel(part.channel) else { continue };
-        if channel.screen == index && side.sees(channel) {
-            paste(&mut picture, channel, &part.bytes);
+        if channel.screen == index && eye.sees(channel) {
+            paste(&mut picture, (channel, screen.canvas), side, part);
         }
     }
     picture
@@ -256,34 +285,67 @@ fn screen_picture(
 fn superpose(
     picture: &mut CaptureImage,
     of: ResolvedWall<'_>,
-    index: u16,
-    side: StereoEye,
+    (index, eye): (u16, StereoEye),
+    side: NonZeroU32,
     parts: &[ChannelImage],
 ) {
-    let pictures: Vec<_> = parts
-        .iter()
-        .map(|part| DisplayImage { channel: part.channel, rgba: &part.bytes })
-        .collect();
-    let shown = LightComposite::new(of, index, side, &pictures);
+    let whole: Vec<_> = parts.iter().map(|part| part.enlarged(of.wall, side)).collect();
+    let pictures = parts.iter().zip(&whole);
+    let pictures: Vec<_> =
+        pictures.map(|(part, rgba)| DisplayImage { channel: part.channel, rgba }).collect();
+    let shown = LightComposite::new(of, index, eye, &pictures);
+    let canvas = of.wall.screens[usize::from(index)].canvas;
     let codes = SrgbCodes::default();
     let row_bytes = 4 * picture.info.width.max(1) as usize;
     picture.rgba.par_chunks_exact_mut(row_bytes).enumerate().for_each(|(y, row)| {
-        for (pixel, light) in row.chunks_exact_mut(4).zip(shown.row(y as u32)) {
-            let Some(light) = light else { continue };
+        let light = shown.row(middle(y as u32, side, canvas.y));
+        for (x, pixel) in (0..).zip(row.chunks_exact_mut(4)) {
+            let at = middle(x, side, canvas.x) as usize;
+            let Some(light) = light.get(at).copied().flatten() else { continue };
             let [r, g, b] = light.to_array().map(|light| codes.code(light));
             pixel.copy_from_slice(&[r, g, b, u8::MAX]);
         }
     });
 }
 
-fn paste(screen: &mut CaptureImage, channel: &Channel, rgba: &[u8]) {
-    let row_bytes = 4 * channel.size.x as usize;
-    let screen_row_bytes = 4 * screen.info.width as usize;
-    for (y, row) in rgba.chunks_exact(row_bytes).enumerate() {
-        let top = channel.origin.y as usize + y;
-        let start = top * screen_row_bytes + 4 * channel.origin.x as usize;
-        if let Some(target) = screen.rgba.get_mut(start..start + row_bytes) {
+/// The pixel in the middle of a square of pixels, of so many in all.
+fn middle(square: u32, side: NonZeroU32, all: u32) -> u32 {
+    (square * side.get() + side.get() / 2).min(all.saturating_sub(1))
+}
+
+/// Puts the picture of a channel in its place: into the squares of the screen, which has so many
+/// pixels in all, whose middle is the channel's.
+fn paste(
+    screen: &mut CaptureImage,
+    (channel, canvas): (&Channel, UVec2),
+    side: NonZeroU32,
+    part: &ChannelImage,
+) {
+    // The squares of the screen along an axis, and the channel's own for each.
+    let squares = |origin: u32, size: u32, canvas: u32| -> Vec<[usize; 2]> {
+        let all = (origin / side.get()..canvas.div_ceil(side.get())).map(|square| {
+            let at = middle(square, side, canvas);
+            ((origin..origin + size).contains(&at))
+                .then(|| [square, (at - origin) / side.get()].map(|square| square as usize))
+        });
+        all.flatten().collect()
+    };
+    let columns = squares(channel.origin.x, channel.size.x, canvas.x);
+    let Some(&[left, _]) = columns.first() else { return };
+    let (row_bytes, screen_row_bytes) = (4 * part.size.0 as usize, 4 * screen.info.width as usize);
+    for [onto, from] in squares(channel.origin.y, channel.size.y, canvas.y) {
+        let first = onto * screen_row_bytes + 4 * left;
+        let row = part.bytes.get(from * row_bytes..(from + 1) * row_bytes);
+        let target = screen.rgba.get_mut(first..first + 4 * columns.len());
+        let (Some(row), Some(target)) = (row, target) else { continue };
+        if side == NonZeroU32::MIN && row.len() == target.len() {
             target.copy_from_slice(row);
+            continue;
+        }
+        for (pixel, [_, from]) in target.chunks_exact_mut(4).zip(&columns) {
+            if let Some(square) = row.get(4 * from..4 * from + 4) {
+                pixel.copy_from_slice(square);
+            }
         }
     }
 }

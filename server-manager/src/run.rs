@@ -469,8 +469,8 @@ impl EventLoop {
                 Effect::Answer { to, answer } => self.answer(to, answer),
                 Effect::Import { job, path, scene } => self.import(job, path, scene),
                 Effect::OpenSession { job, name } => self.read_session(job, name),
-                Effect::Collect { job, frame, channels, missing } => {
-                    self.begin_collection(job, frame, &channels, missing);
+                Effect::Collect { job, frame, side, channels, missing } => {
+                    self.begin_collection(job, (frame, side), &channels, missing);
                 }
                 Effect::Close { session, reason } => {
                     if let Some(link) = self.servers.get(&session) {

@@ -81,7 +81,7 @@ pub fn frame(wall: &Wall, camera: Camera) -> Frame {
         time_s: 0.0,
         revision: Revision(1),
         presentation: Presentation { camera, ..Presentation::new(wall.head()) },
-        capture: false,
+        capture: None,
         detail: DetailBound::default(),
         clips: Vec::new(),
         is_metered: false,

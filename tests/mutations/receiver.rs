@@ -1,6 +1,7 @@
 //! The manager behind the decoder: what a message that can be decoded meets next.
 
 use std::collections::VecDeque;
+use std::num::NonZeroU32;
 use std::sync::Arc;
 
 use polyptych_core::{ClientRequest, Cluster, Effect, ImportedScene, Input, SessionId};
@@ -110,7 +111,8 @@ impl Receiver {
                 // A wall without files asks for none of its blobs.
                 let shapes = GeometryCache::new(BlobStore::new("nowhere"));
                 let wall = (&self.wall, &shapes);
-                let mut collection = CaptureJob::new(job, FrameId(1), &ids, Vec::new(), wall, room);
+                let frame = (FrameId(1), NonZeroU32::MIN);
+                let mut collection = CaptureJob::new(job, frame, &ids, Vec::new(), wall, room);
                 let _ = collection.add(&chunk);
             }
             _ => {}

@@ -9,7 +9,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError`].
-    pub fn preview(&self) -> Result<Capture, ClientError> {
-        wait(self.inner.preview())
+    pub fn preview(&self, width: u32) -> Result<Capture, ClientError> {
+        wait(self.inner.preview(width))
     }
 }

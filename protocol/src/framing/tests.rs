@@ -1,6 +1,7 @@
 //! The wire: what goes out comes back, its bytes stay what they are, rubbish is refused.
 
 use std::fmt::Debug;
+use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::{DAffine3, DQuat, DVec3};
@@ -52,7 +53,7 @@ fn frame() -> Frame {
             pattern: Some(TestPattern::Density),
             ..Presentation::new(HeadPose::facing_forward(DVec3::new(0.0, 1.6, 0.0), 0.064))
         },
-        capture: true,
+        capture: Some(NonZeroU32::MIN),
         detail: DetailBound { error_px: 0.5, densities: vec![2000.0], resolution_steps: 3 },
         clips: Vec::new(),
         is_metered: false,
@@ -187,7 +188,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
              e03f00000000000000009a9999999999f93f000000000000000000000000000000000000000000000000\
              0000000000000000000000000000f03ffca9f1d24d62b03f01000000000000f03f00000000000000c000\
              000000d0126341000000000000000000000000000000000000000000000000000000000000f03f000000\
-             000000e03f000000000000803f0201050000000000000000000000000000000001000000000000e03f01\
+             000000e03f000000000000803f020105000000000000000000000000000000000101000000000000e03f01\
              0000000000409f40030000",
         ),
         (

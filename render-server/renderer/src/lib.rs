@@ -74,6 +74,7 @@ pub use target::{Target, TargetError};
 pub use text::rasterize;
 pub use view::{AllowedError, ViewDesc};
 
+use std::num::NonZeroU32;
 use std::time::{Duration, Instant};
 
 use pass::shadow::Sides;
@@ -165,6 +166,7 @@ pub struct Renderer {
     frames: frame::FrameResources,
     shadows: frame::Shadows,
     enlarge: pass::enlarge::EnlargePass,
+    reduce: pass::reduce::ReducePass,
     occlusion: OcclusionCulling,
 }
 
@@ -183,6 +185,7 @@ impl Renderer {
             frames: frame::FrameResources::new(gpu),
             shadows: frame::Shadows::new(gpu),
             enlarge: pass::enlarge::EnlargePass::new(gpu),
+            reduce: pass::reduce::ReducePass::new(gpu),
             occlusion: OcclusionCulling::default(),
         })
     }
@@ -379,6 +382,17 @@ impl Renderer {
             return Err(DrawError::Target);
         }
         Ok(self.enlarge.submit(gpu, target, place, onto))
+    }
+
+    /// Submits the reduction of a picture: each pixel of the result has the mean light of a square,
+    /// `side` pixels along each side, or less at the right and lower edge.
+    pub fn reduce(
+        &mut self,
+        gpu: &Gpu,
+        picture: &OutputTexture,
+        side: NonZeroU32,
+    ) -> OutputTexture {
+        self.reduce.submit(gpu, picture, side)
     }
 
     /// Waits for other work that comes after a frame. Returns the GPU's time for it.

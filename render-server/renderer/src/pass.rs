@@ -12,6 +12,7 @@ pub mod label;
 pub(crate) mod occluder;
 pub(crate) mod opaque;
 pub mod present_pass;
+pub mod reduce;
 pub(crate) mod shadow;
 pub(crate) mod tonemap;
 pub(crate) mod transparent;

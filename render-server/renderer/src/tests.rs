@@ -30,6 +30,7 @@ mod parallel;
 mod pass_times;
 mod penumbras;
 mod pixel_light;
+mod reduced;
 mod robustness;
 mod shaders;
 mod shading;

@@ -110,7 +110,7 @@ fn frame(head: HeadPose) -> Frame {
         time_s: 0.0,
         revision: Revision(1),
         presentation: Presentation::new(head),
-        capture: false,
+        capture: None,
         detail: DetailBound::default(),
         clips: Vec::new(),
         is_metered: false,

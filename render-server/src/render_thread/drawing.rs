@@ -107,8 +107,8 @@ impl RenderThread {
                     before = before.max(done);
                     let draw_us = own.as_micros() as u64;
                     self.send(render_event::drawn(frame, id, &state, &stats, draw_us));
-                    if frame.capture {
-                        self.send_capture(index, frame.frame, id);
+                    if let Some(side) = frame.capture {
+                        self.send_capture(index, (frame.frame, id), side);
                     }
                 }
                 Err(reason) => is_drawn = failed(self, id, reason),

@@ -1,5 +1,7 @@
 //! Pictures that somebody asked for.
 
+use std::num::NonZeroU32;
+
 use polyptych_protocol::ids::FrameId;
 use polyptych_renderer::read_picture;
 use polyptych_wall::ChannelId;
@@ -9,9 +11,18 @@ use crate::render_event::{self, CapturedImage, RenderEvent};
 
 impl RenderThread {
     /// Sends the picture of a channel as it was drawn, whether or not it comes to be shown: a
-    /// picture that someone asked for may be late.
-    pub(super) fn send_capture(&self, index: usize, frame: FrameId, channel: ChannelId) {
+    /// picture that someone asked for may be late. Its pixels have the mean light of squares of so
+    /// many pixels along each side.
+    pub(super) fn send_capture(
+        &mut self,
+        index: usize,
+        (frame, channel): (FrameId, ChannelId),
+        side: NonZeroU32,
+    ) {
         let Some(picture) = self.outputs[index].picture() else { return };
+        let is_reduced = side > NonZeroU32::MIN;
+        let reduced = is_reduced.then(|| self.renderer.reduce(&self.gpu, picture, side));
+        let picture = reduced.as_ref().unwrap_or(picture);
         let [width, height] = picture.size();
         match read_picture(&self.gpu, picture) {
             Ok(pixels) => {

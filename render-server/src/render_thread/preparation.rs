@@ -320,7 +320,7 @@ impl RenderThread {
                 depth_of_field: effects.depth_of_field.then(|| DepthOfField::new(1.0)),
                 ..Presentation::new(wall.head())
             },
-            capture: false,
+            capture: None,
             detail: DetailBound::default(),
             clips: Vec::new(),
             is_metered: false,

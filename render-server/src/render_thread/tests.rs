@@ -4,6 +4,7 @@ mod metering;
 mod preparation;
 mod resolution;
 
+use std::num::NonZeroU32;
 use std::sync::mpsc::sync_channel;
 use std::time::Instant;
 
@@ -160,7 +161,7 @@ impl RenderThreadFixture {
                 output_mode: display,
                 ..Presentation::new(HeadPose::facing_forward(DVec3::ZERO, 0.0))
             },
-            capture: true,
+            capture: Some(NonZeroU32::MIN),
             detail: DetailBound::default(),
             clips: Vec::new(),
             is_metered: self.is_metered,

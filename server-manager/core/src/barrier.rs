@@ -1,20 +1,19 @@
 //! The frame barrier: begin, wait for the drawings, swap. One for the whole wall.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroU32;
 
 use polyptych_protocol::command::{Command, Frame, Swap};
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::ids::{Digest, FrameId, Revision};
-use polyptych_protocol::output_mode::OutputMode;
-use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::presentation::Presentation;
 use polyptych_protocol::quality_bounds::DetailBound;
 use polyptych_protocol::request::Response;
 use polyptych_protocol::server_message::FrameRendered;
 use polyptych_wall::ChannelId;
-use polyptych_wall::camera::Camera;
 use serde::{Deserialize, Serialize};
 
+use super::frame_request::{FrameRequest, OutputChange};
 use super::reduction::Reduction;
 use super::statistics::FrameFacts;
 use super::{ClientRequest, Cluster, Effect, Micros, SessionId, span};
@@ -27,33 +26,6 @@ const WARM_UP_FRAMES: u32 = 3;
 /// not count for the deadline: tiles of a wall differ by less. One of three servers or more so
 /// raises the deadline to this multiple at most, whatever it says and however slow it is.
 const OUTLIER_FACTOR: u32 = 4;
-
-/// A client's wish for one frame.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct FrameRequest {
-    pub job: ClientRequest,
-    pub camera: Option<Camera>,
-    pub time_s: Option<f64>,
-    pub capture: bool,
-    /// `true` for pictures that a person watches: neither scene time nor others wait for them.
-    pub is_preview: bool,
-    /// The output change that takes effect with this frame, if the request has one.
-    pub wish: Option<OutputChange>,
-}
-
-/// A change of the output mode or test pattern that a client requests with a frame.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(super) enum OutputChange {
-    Displays(OutputMode),
-    Pattern(Option<TestPattern>),
-}
-
-impl FrameRequest {
-    /// A frame of the wall as it stands.
-    pub fn unchanged(job: ClientRequest) -> Self {
-        Self { job, camera: None, time_s: None, capture: false, is_preview: false, wish: None }
-    }
-}
 
 /// A frame on its way.
 #[derive(Debug, Serialize, Deserialize)]
@@ -187,7 +159,7 @@ impl Barrier {
 impl Cluster {
     pub(super) fn begin_frame(&mut self, now: Micros) {
         let order = self.orders.pop_front();
-        let capture = order.as_ref().is_some_and(|order| order.capture);
+        let capture = order.as_ref().and_then(|order| order.capture);
         self.take_over(order.as_ref());
         let next = FrameId(self.frame.0 + 1);
         self.registry.admit_ready(now, next);
@@ -216,13 +188,14 @@ impl Cluster {
         let (length, longest) = self.frame_waits();
         let is_warming = !is_all_late && !is_warm;
         let is_new = self.begins_part();
-        let is_patient = is_new || capture && !order.as_ref().is_some_and(|of| of.is_preview);
+        let is_patient =
+            is_new || capture.is_some() && !order.as_ref().is_some_and(|of| of.is_preview);
         let wait = if is_warming || is_catching_up || is_patient { longest } else { length };
         let patience = if is_all_late { longest } else { wait };
         self.pacer.frame_started(now, !waited.is_empty());
         let is_metered = self.expose(now, &waited);
-        if let Some(FrameRequest { job, capture: true, .. }) = &order {
-            self.collect(*job, &sent);
+        if let Some(FrameRequest { job, capture: Some(side), .. }) = &order {
+            self.collect(*job, *side, &sent);
         }
         let detail = self.detail_bound();
         self.note_places(&detail.densities);
@@ -237,7 +210,7 @@ impl Cluster {
             digest: self.shown_digest,
             error_px,
             reduction,
-            is_untypical: is_cold || capture || is_new,
+            is_untypical: is_cold || capture.is_some() || is_new,
             time_s,
             began: now,
             turn: now,
@@ -309,7 +282,12 @@ impl Cluster {
         self.wants_frame = false;
     }
 
-    fn describe_frame(&self, time_s: f64, capture: bool, detail: DetailBound) -> Frame {
+    fn describe_frame(
+        &self,
+        time_s: f64,
+        capture: Option<NonZeroU32>,
+        detail: DetailBound,
+    ) -> Frame {
         let output_mode = self.rest.output_mode(self.presentation.output_mode);
         Frame {
             epoch: self.epoch,
@@ -469,7 +447,7 @@ impl Cluster {
                 self.persist();
                 self.reply(job, Ok(Response::Frame(feedback)));
             }
-            Some(FrameRequest { job, capture: false, .. }) => {
+            Some(FrameRequest { job, capture: None, .. }) => {
                 self.reply(job, Ok(Response::Frame(feedback)));
             }
             // A capture is answered with its pictures.
@@ -479,7 +457,7 @@ impl Cluster {
 
     /// Pictures come as soon as they are drawn, so the collection begins with the frame. A late
     /// channel's picture is collected too: the wall goes on, the picture waits.
-    fn collect(&mut self, job: ClientRequest, sent: &[SessionId]) {
+    fn collect(&mut self, job: ClientRequest, side: NonZeroU32, sent: &[SessionId]) {
         let was_sent = |server: Option<SessionId>| server.is_some_and(|s| sent.contains(&s));
         let (mut channels, mut missing) = (Vec::new(), Vec::new());
         for (id, channel) in self.registry.channels() {
@@ -492,6 +470,6 @@ impl Cluster {
                 missing.push((channel.name.clone(), reason));
             }
         }
-        self.outputs.push_back(Effect::Collect { job, frame: self.frame, channels, missing });
+        self.outputs.push_back(Effect::Collect { job, frame: self.frame, side, channels, missing });
     }
 }

@@ -9,7 +9,7 @@ use polyptych_scene::ClipTime;
 use serde::{Deserialize, Serialize};
 
 use super::Cluster;
-use super::barrier::FrameRequest;
+use super::frame_request::FrameRequest;
 
 /// The largest speed of a clip, either way: beyond it no frame shows what the one before did.
 const SPEED_MAX: f64 = 1000.0;

@@ -1,16 +1,21 @@
 //! Requests of clients: what each of them sets in motion.
 
+use std::num::NonZeroU32;
+
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{Pacing, Request, RequestError, Response};
 use polyptych_scene::limits::NODE_NAME_BYTES_MAX;
+use polyptych_wall::Wall;
+use polyptych_wall::light_composite::StereoEye;
 use polyptych_wall::limits::PATH_BYTES_MAX;
 use tracing::Level;
 
+use super::frame_request::{FrameRequest, OutputChange};
 use super::presentation::checked_camera;
 use super::{
-    ClientRequest, Cluster, Effect, FRAME_ORDERS_MAX, FrameRequest, Importing, Micros,
-    OutputChange, SessionId, StateChange, progress,
+    ClientRequest, Cluster, Effect, FRAME_ORDERS_MAX, Importing, Micros, SessionId, StateChange,
+    progress,
 };
 
 /// The range of rates that a client may ask for, in frames per second.
@@ -84,7 +89,7 @@ impl Cluster {
             Request::SetEnvironment(source) => return self.set_environment(now, job, source),
             frame @ (Request::RenderFrame { .. }
             | Request::Capture { .. }
-            | Request::Preview
+            | Request::Preview { .. }
             | Request::SetDisplays(_)
             | Request::SetPattern(_)) => return self.order_frame(job, &frame),
             Request::Tune { channel, changes } => {
@@ -245,8 +250,13 @@ impl Cluster {
                 order.camera = camera.map(checked_camera).transpose()?;
                 order.time_s = time_s;
             }
-            Request::Capture { time_s } => (order.capture, order.time_s) = (true, time_s),
-            Request::Preview => (order.capture, order.is_preview) = (true, true),
+            Request::Capture { time_s } => {
+                (order.capture, order.time_s) = (Some(NonZeroU32::MIN), time_s);
+            }
+            Request::Preview { width } => {
+                let side = preview_side(&self.wall, width);
+                (order.capture, order.is_preview) = (Some(side), true);
+            }
             Request::SetDisplays(mode) => order.wish = Some(OutputChange::Displays(mode)),
             Request::SetPattern(pattern) => order.wish = Some(OutputChange::Pattern(pattern)),
             _ => {}
@@ -267,4 +277,16 @@ impl Cluster {
         self.orders.push_back(order);
         Ok(None)
     }
+}
+
+/// The side of the squares of pixels of which a preview has the mean light, so that all screens
+/// side by side have at least so many squares across, if they have so many pixels.
+fn preview_side(wall: &Wall, width: u32) -> NonZeroU32 {
+    let screens = (0..).zip(&wall.screens);
+    let across = screens.map(|(index, screen)| {
+        let eyes = StereoEye::of(wall, index).len() as u64;
+        eyes * u64::from(screen.canvas.x)
+    });
+    let side = across.sum::<u64>().checked_div(u64::from(width)).unwrap_or(1);
+    u32::try_from(side).ok().and_then(NonZeroU32::new).unwrap_or(NonZeroU32::MIN)
 }

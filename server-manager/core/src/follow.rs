@@ -18,7 +18,7 @@ use polyptych_scene::{FilePlace, NodeId};
 use polyptych_wall::camera::Camera;
 use serde::{Deserialize, Serialize};
 
-use super::barrier::FrameRequest;
+use super::frame_request::FrameRequest;
 use super::navigate::REMEMBER_WAIT;
 use super::presentation::checked_camera;
 use super::tours::TourClock;

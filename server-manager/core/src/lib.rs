@@ -19,6 +19,7 @@ mod devices;
 mod dispatch;
 mod environment;
 mod follow;
+mod frame_request;
 mod frame_start_times;
 mod head_return;
 mod imported_scene;
@@ -52,9 +53,11 @@ mod tours;
 mod variants;
 
 use std::collections::{BTreeMap, VecDeque};
+use std::num::NonZeroU32;
 
-use barrier::{Barrier, FrameRequest, OutputChange};
+use barrier::Barrier;
 use change_queue::{ChangeQueue, StateChange};
+use frame_request::FrameRequest;
 use polyptych_protocol::command::{Command, Pong};
 use polyptych_protocol::ids::{Digest, Epoch, FrameId, RequestId};
 use polyptych_protocol::presentation::Presentation;
@@ -137,6 +140,8 @@ pub enum Effect {
         job: ClientRequest,
         /// The frame.
         frame: FrameId,
+        /// The side of the squares of pixels that the pictures have the mean light of.
+        side: NonZeroU32,
         /// The channels that are sent it, and will send its picture once they have drawn it.
         channels: Vec<ChannelId>,
         /// The others, with the reason.
@@ -461,12 +466,6 @@ impl Cluster {
         if self.may_begin() && (self.is_asked_for_a_frame() || self.pacer.is_due(now)) {
             self.begin_frame(now);
         }
-    }
-
-    /// Returns whether a frame must begin before its beat. Previews wait for the beat.
-    fn is_asked_for_a_frame(&self) -> bool {
-        let is_quick = self.pacer.is_quick();
-        self.wants_frame || self.orders.iter().any(|order| !(order.is_preview && is_quick))
     }
 
     fn command(&mut self, to: Vec<SessionId>, command: Command) {

@@ -92,8 +92,14 @@ impl Cluster {
     /// how long one frame takes.
     pub(super) fn may_begin(&self) -> bool {
         let Some(newest) = self.pipeline.newest() else { return true };
-        let is_capture = self.orders.front().is_some_and(|order| order.capture);
+        let is_capture = self.orders.front().is_some_and(|order| order.capture.is_some());
         let room = self.wall.sync.pipeline_depth as usize >= self.pipeline.0.len();
         room && !is_capture && newest.is_ordinary()
+    }
+
+    /// Returns whether a frame must begin before its beat. Previews wait for the beat.
+    pub(super) fn is_asked_for_a_frame(&self) -> bool {
+        let is_quick = self.pacer.is_quick();
+        self.wants_frame || self.orders.iter().any(|order| !(order.is_preview && is_quick))
     }
 }

@@ -14,7 +14,7 @@ use polyptych_wall::camera::Camera;
 use polyptych_wall::tour::Tour;
 use serde::{Deserialize, Serialize};
 
-use super::barrier::FrameRequest;
+use super::frame_request::FrameRequest;
 use super::navigate::REMEMBER_WAIT;
 use super::presentation::checked_camera;
 use super::{Cluster, Micros};

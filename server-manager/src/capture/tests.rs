@@ -1,5 +1,7 @@
 //! Pictures of walls, from those of their channels.
 
+use std::num::NonZeroU32;
+
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_core::SessionId;
 use polyptych_files::blob::BlobStore;
@@ -23,14 +25,21 @@ fn two_tiles(apart: u32) -> Wall {
 
 /// Stitches pictures that came in whole, one for each channel; `None` is one that did not come.
 fn stitched(wall: &Wall, pictures: &[Option<Vec<u8>>]) -> Vec<CaptureImage> {
+    stitched_by(NonZeroU32::MIN, wall, pictures)
+}
+
+/// Stitches pictures of squares of pixels.
+fn stitched_by(side: NonZeroU32, wall: &Wall, pictures: &[Option<Vec<u8>>]) -> Vec<CaptureImage> {
     let room = CaptureBudget::default().reserve(wall).expect("room");
     let ids: Vec<_> = wall.channel_ids().collect();
     let shapes = GeometryCache::new(BlobStore::new("/nonexistent"));
     let job = ClientRequest { client: SessionId(1), id: RequestId(1) };
-    let mut collection = CaptureJob::new(job, FrameId(7), &ids, Vec::new(), (wall, &shapes), room);
+    let mut collection =
+        CaptureJob::new(job, (FrameId(7), side), &ids, Vec::new(), (wall, &shapes), room);
     for ((channel, of), picture) in wall.channel_ids().zip(&wall.channels).zip(pictures) {
         let Some(bytes) = picture else { continue };
-        let (width, height) = of.display_size().into();
+        let size = of.display_size().to_array();
+        let [width, height] = size.map(|pixels| pixels.div_ceil(side.get()));
         let bytes = bytes.clone().into();
         let chunk = CaptureChunk { channel, frame: FrameId(7), width, height, offset: 0, bytes };
         collection.add(&chunk).expect("a piece that fits");
@@ -86,6 +95,38 @@ fn plain_tiles_are_pasted_byte_for_byte() {
     assert_eq!(also[0], pictures[0]);
     assert_eq!(also[2].rgba, half);
     assert!(also[2].info.name == "front-6" && !also[2].info.is_screen);
+}
+
+#[test]
+fn squares_show_what_stands_in_their_middle() {
+    // At 7 pixels the second tile begins in a square, and a gap of a pixel is before it.
+    for (apart, side) in [(6, 2), (6, 4), (7, 2), (7, 3), (7, 5), (4, 3), (6, 100)] {
+        let wall = two_tiles(apart);
+        let squares = |pixels: u32| pixels.div_ceil(side) as usize;
+        let (across, count) = (squares(6), squares(6) * squares(4));
+        let tiles = [mixed(count, 1), mixed(count, 99)];
+        let given = tiles.clone().map(Some);
+        let side_of = NonZeroU32::new(side).expect("squares");
+        let shown = stitched_by(side_of, &wall, &given);
+        let size = (shown[0].info.width as usize, shown[0].info.height as usize);
+        assert_eq!(size, (squares(6 + apart), squares(4)));
+        if apart < 6 {
+            // They overlap: light adds up, so that only what one of them shows is as it was sent.
+            assert_eq!(shown[0].rgba[..3], tiles[0][..3]);
+            continue;
+        }
+        for (at, pixel) in shown[0].rgba.chunks_exact(4).enumerate() {
+            let middle = |square: usize, all: u32| (square as u32 * side + side / 2).min(all - 1);
+            let (x, y) = (middle(at % size.0, 6 + apart), middle(at / size.0, 4));
+            let due = [(0, &tiles[0]), (apart, &tiles[1])].into_iter().find_map(|(left, of)| {
+                let x = x.checked_sub(left).filter(|x| *x < 6)?;
+                let square = (y / side) as usize * across + (x / side) as usize;
+                Some(&of[4 * square..][..4])
+            });
+            assert_eq!(pixel, due.unwrap_or(&DARK), "{apart}, {side}: square {at}");
+        }
+        assert_eq!((&shown[1].rgba, &shown[2].rgba), (&tiles[0], &tiles[1]));
+    }
 }
 
 #[test]

@@ -221,7 +221,7 @@ impl LiveWall {
             Some(client) => client,
             None => self.join("http previews").await?,
         };
-        let answered = client.ask(Request::Preview).await?;
+        let answered = client.ask(Request::Preview { width: PREVIEW_WIDTH_MAX }).await?;
         previews.client = Some(client);
         let Response::Captured(info) = answered.response else {
             return Err(Refusal::unavailable("the manager sent another answer"));

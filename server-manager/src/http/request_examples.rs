@@ -47,7 +47,7 @@ fn of_wall() -> Vec<Request> {
         Request::Run(Pacing::Rate(30.0)),
         Request::Pause,
         Request::Capture { time_s: None },
-        Request::Preview,
+        Request::Preview { width: 0 },
         Request::Status,
         Request::DescribeWall,
         Request::Statistics { reset: false },

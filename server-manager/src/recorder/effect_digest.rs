@@ -100,8 +100,8 @@ fn describe(output: &Effect) -> (char, Vec<u8>) {
             ('i', polyptych_codec::encode(&(job, path, scene)).to_vec())
         }
         Effect::OpenSession { job, name } => ('o', polyptych_codec::encode(&(job, name)).to_vec()),
-        Effect::Collect { job, frame, channels, missing } => {
-            ('p', polyptych_codec::encode(&(job, frame, channels, missing)).to_vec())
+        Effect::Collect { job, frame, side, channels, missing } => {
+            ('p', polyptych_codec::encode(&(job, frame, side, channels, missing)).to_vec())
         }
         Effect::Close { session, reason } => {
             ('l', polyptych_codec::encode(&(session, reason)).to_vec())

@@ -1,5 +1,6 @@
 //! The event loop's part in captures: collects the pictures of servers, and has them stitched.
 
+use std::num::NonZeroU32;
 use std::time::Duration;
 
 use polyptych_core::{ClientRequest, SessionId};
@@ -22,7 +23,7 @@ impl EventLoop {
     pub(super) fn begin_collection(
         &mut self,
         job: ClientRequest,
-        frame: FrameId,
+        (frame, side): (FrameId, NonZeroU32),
         channels: &[ChannelId],
         missing: Vec<(String, String)>,
     ) {
@@ -31,7 +32,7 @@ impl EventLoop {
         match self.pictures.reserve(wall) {
             Ok(room) => {
                 let wall = (wall, &self.shapes);
-                let collection = CaptureJob::new(job, frame, channels, missing, wall, room);
+                let collection = CaptureJob::new(job, (frame, side), channels, missing, wall, room);
                 self.collections.push((Instant::now() + CAPTURE_TIME_MAX, collection));
                 self.finish_collections();
             }

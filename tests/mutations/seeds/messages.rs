@@ -1,5 +1,7 @@
 //! A valid message of every variant, as it stands on the wire.
 
+use std::num::NonZeroU32;
+
 use super::manifest::scene;
 use bytes::Bytes;
 use glam::{DMat3, DQuat, DVec2, DVec3, UVec2};
@@ -162,7 +164,7 @@ fn commands() -> Vec<Command> {
             pattern: Some(TestPattern::Overlap),
             ..Presentation::new(HeadPose::facing_forward(DVec3::new(0.0, 0.1, 0.2), 0.06))
         },
-        capture: true,
+        capture: Some(NonZeroU32::MIN),
         detail: DetailBound { error_px: 0.5, densities: vec![2000.0, 10.0], resolution_steps: 3 },
         clips: vec![ClipTime { clip: 1, time_s: 2.5, weight: 0.5 }],
         is_metered: false,
@@ -269,7 +271,7 @@ fn calls() -> Vec<RequestMessage> {
         Request::Run(Pacing::Rate(60.0)),
         Request::Pause,
         Request::Capture { time_s: None },
-        Request::Preview,
+        Request::Preview { width: 1920 },
         Request::Status,
         Request::DescribeWall,
         Request::Statistics { reset: true },

@@ -71,21 +71,8 @@ impl FrameResources {
         let lamp_size = lamp_count * size_of::<LocalLightRecord>();
         let alignment = gpu.device.limits().min_storage_buffer_offset_alignment as usize;
         let lamp_stride = lamp_size.next_multiple_of(alignment);
-        let mut uniforms = vec![0; uniform_size * views.len().max(1)];
-        let mut lamps = vec![0; lamp_stride * views.len().max(1)];
-        for (index, view) in views.iter().enumerate() {
-            let part = scene.layout.tree.select(&view.subset);
-            let mut uniform = view.uniform(scene, part);
-            let place = occlusion.as_ref().and_then(|of| of.places.get(index));
-            uniform.occlusion = place.copied().unwrap_or_default();
-            let bytes = bytemuck::bytes_of(&uniform);
-            uniforms[index * uniform_size..][..bytes.len()].copy_from_slice(bytes);
-            let eye = view.eye_in_world;
-            let record = |lamp| LocalLightRecord::new(lamp, eye, part);
-            let records: Vec<_> = scene.lamps().iter().map(record).collect();
-            let bytes = bytemuck::cast_slice(&records);
-            lamps[index * lamp_stride..][..bytes.len()].copy_from_slice(bytes);
-        }
+        let strides = [uniform_size, lamp_stride];
+        let (uniforms, lamps) = bytes_of_views(scene, &views, occlusion.as_ref(), strides);
         let uniforms = self.uniforms.write(gpu, &uniforms);
         let lamps = self.lamps.write(gpu, &lamps);
         let part = |buffer, size: usize| {
@@ -141,6 +128,31 @@ impl FrameResources {
             args: args.map(|bytes| (self.args.write(gpu, &bytes), first_args)),
         }
     }
+}
+
+/// The uniforms of all views and the records of their lamps, so many bytes for each view.
+fn bytes_of_views(
+    scene: &GpuScene,
+    views: &[&ViewDesc],
+    occlusion: Option<&OcclusionBinding>,
+    [uniform_size, lamp_stride]: [usize; 2],
+) -> (Vec<u8>, Vec<u8>) {
+    let mut uniforms = vec![0; uniform_size * views.len().max(1)];
+    let mut lamps = vec![0; lamp_stride * views.len().max(1)];
+    for (index, view) in views.iter().enumerate() {
+        let part = scene.layout.tree.select(&view.subset);
+        let mut uniform = view.uniform(scene, part);
+        let place = occlusion.and_then(|of| of.places.get(index));
+        uniform.occlusion = place.copied().unwrap_or_default();
+        let bytes = bytemuck::bytes_of(&uniform);
+        uniforms[index * uniform_size..][..bytes.len()].copy_from_slice(bytes);
+        let eye = view.eye_in_world;
+        let record = |lamp| LocalLightRecord::new(lamp, eye, part);
+        let records: Vec<_> = scene.lamps().iter().map(record).collect();
+        let bytes = bytemuck::cast_slice(&records);
+        lamps[index * lamp_stride..][..bytes.len()].copy_from_slice(bytes);
+    }
+    (uniforms, lamps)
 }
 
 impl DrawContext<'_> {

@@ -31,8 +31,8 @@ impl BentVertices {
         Self { deformer, written: Mutex::default() }
     }
 
-    /// Writes the vertices in a shape to a buffer, from this one on. Returns the box around them, in
-    /// the space of their mesh.
+    /// Writes the vertices in a shape to a buffer, from this one on. Returns the box around them,
+    /// in the space of their mesh.
     pub fn bend(
         &self,
         gpu: &Gpu,

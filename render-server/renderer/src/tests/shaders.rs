@@ -123,6 +123,7 @@ fn every_shader_validates() {
     module("ambient_occlusion", &screen(ambient_occlusion::SOURCE));
     module("tonemap", &screen(include_str!("../pass/tonemap.wgsl")));
     module("enlarge", &screen(include_str!("../pass/enlarge.wgsl")));
+    module("reduce", &screen(include_str!("../pass/reduce.wgsl")));
     module("output", &screen(include_str!("../pass/output.wgsl")));
     module("correct", include_str!("../pass/correct.wgsl"));
     for is_multisampled in [false, true] {

@@ -148,7 +148,7 @@ fn drawn(wall: &Wall, scene: &SceneFixture, views: &[View], steps: &[u8]) -> Vec
             time_s: 0.0,
             revision: Revision(1),
             presentation: presentation.clone(),
-            capture: false,
+            capture: None,
             detail: DetailBound { resolution_steps, ..DetailBound::default() },
             clips: Vec::new(),
             is_metered: false,

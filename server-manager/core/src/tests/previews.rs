@@ -1,5 +1,7 @@
 //! Previews: pictures for people who watch, which change nothing of what the wall shows.
 
+use std::num::NonZeroU32;
+
 use polyptych_wall::tour::{Tour, TourStop};
 
 use super::*;
@@ -23,10 +25,10 @@ fn a_preview_of_a_paused_wall_repeats_the_last_frame() {
     let last = frames(&mut stage).pop().expect("a frame");
     assert!(last.presentation.camera.position.x > 1.0, "the tour is on its way");
     stage.wait(1_000_000);
-    stage.request(Request::Preview);
+    stage.request(Request::Preview { width: 0 });
     stage.draw(&[0, 1], 1_000);
     let [preview] = &frames(&mut stage)[..] else { panic!("one frame more") };
-    assert!(preview.capture);
+    assert_eq!(preview.capture, Some(NonZeroU32::MIN));
     assert_eq!((preview.time_s, &preview.presentation), (last.time_s, &last.presentation));
     assert_eq!(stage.collects, [[0, 1].map(ChannelId)]);
 }
@@ -37,17 +39,29 @@ fn a_preview_of_a_wall_that_runs_waits_for_the_next_beat() {
     stage.request(Request::Run(Pacing::Rate(10.0)));
     stage.draw(&[0], 1_000);
     frames(&mut stage);
-    stage.request(Request::Preview);
+    stage.request(Request::Preview { width: 0 });
     stage.wait(50_000);
     assert_eq!(frames(&mut stage).len(), 0, "the beat is 100 ms long");
     stage.wait(60_000);
     let [frame] = &frames(&mut stage)[..] else { panic!("the beat brings one frame") };
-    assert!(frame.capture);
+    assert!(frame.capture.is_some());
     stage.draw(&[0], 1_000);
     // Other requests for frames do not wait for it.
-    stage.request(Request::Preview);
+    stage.request(Request::Preview { width: 0 });
     stage.order_frame();
     assert_eq!(frames(&mut stage).len(), 1);
+}
+
+#[test]
+fn a_preview_has_as_few_pixels_as_it_may() {
+    let mut stage = ClusterFixture::new(2);
+    let all: u32 = stage.cluster.wall().screens.iter().map(|screen| screen.canvas.x).sum();
+    for (width, side) in [(0, 1), (all, 1), (all - 1, 1), (all / 4, 4), (1, all), (2 * all, 1)] {
+        stage.request(Request::Preview { width });
+        stage.draw(&[0, 1], 1_000);
+        let [preview] = &frames(&mut stage)[..] else { panic!("one frame more") };
+        assert_eq!(preview.capture, NonZeroU32::new(side), "{width} of {all}");
+    }
 }
 
 #[test]
@@ -58,7 +72,7 @@ fn a_preview_waits_for_a_channel_no_longer_than_other_frames() {
         stage.draw(&[0, 1], 1_000);
     }
     let swapped = stage.swaps.len();
-    stage.request(Request::Preview);
+    stage.request(Request::Preview { width: 0 });
     stage.draw(&[0], 1_000);
     stage.wait(100_000);
     assert_eq!((stage.swaps.len(), stage.state(1)), (swapped + 1, ChannelState::Late));

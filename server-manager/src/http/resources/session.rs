@@ -81,7 +81,9 @@ pub(in crate::http) async fn request(
 ) -> Result<Response<Body>, Refusal> {
     let request: Request = call.parse()?;
     let instead = match &request {
-        Request::Capture { .. } | Request::Preview => Some("pictures are at GET /api/v1/wall.png"),
+        Request::Capture { .. } | Request::Preview { .. } => {
+            Some("pictures are at GET /api/v1/wall.png")
+        }
         Request::Subscribe(_) => Some("feedback is at GET /api/v1/events?feedback=true"),
         Request::ExportScene { .. } => Some("files are at GET /api/v1/scene/export.glb"),
         _ => None,

@@ -287,7 +287,7 @@ impl InvariantChecker {
         let live = (cluster.registry.channels()).filter(|(_, c)| c.state == ChannelState::Live);
         let record = Record {
             revision: frame.revision,
-            is_capture: frame.capture,
+            is_capture: frame.capture.is_some(),
             live: live.map(|(id, _)| id).collect(),
             ..Record::default()
         };

@@ -355,7 +355,7 @@ impl Simulation {
                 let import = SimEvent::Imported(self.manager.imports.len() - 1);
                 self.at(self.now + bake_us, import);
             }
-            Effect::Collect { job, frame, channels, missing } => {
+            Effect::Collect { job, frame, channels, missing, .. } => {
                 self.watch.collects(job, frame, channels.len() + missing.len())?;
             }
             Effect::Close { session, reason } => {
