@@ -99,6 +99,15 @@ impl Gpu {
         Self::open(Self::headless_instance(), None, None)
     }
 
+    /// As [`Self::headless`], without what only some adapters have.
+    #[cfg(test)]
+    pub(crate) fn plain() -> Result<Self, GpuError> {
+        let mut gpu = Self::headless()?;
+        (gpu.device, gpu.queue) = open_device(&gpu.adapter, wgpu::Features::empty())?;
+        gpu.watch();
+        Ok(gpu)
+    }
+
     /// An instance that needs no display.
     pub fn headless_instance() -> wgpu::Instance {
         Self::instance(wgpu::InstanceDescriptor::new_without_display_handle)
@@ -174,7 +183,7 @@ impl Gpu {
         adapter: wgpu::Adapter,
         losses: Arc<AtomicU64>,
     ) -> Result<Self, GpuError> {
-        let (device, queue) = open_device(&adapter)?;
+        let (device, queue) = open_device(&adapter, TIMESTAMPS | INDIRECT_INSTANCES)?;
         let gpu = Self { instance, adapter, device, queue, fault: Arc::default(), losses };
         gpu.watch();
         Ok(gpu)
@@ -288,7 +297,11 @@ fn adapters(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     pollster::block_on(instance.enumerate_adapters(backends))
 }
 
-fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
+/// Opens a device with those of these features that there are.
+fn open_device(
+    adapter: &wgpu::Adapter,
+    features: wgpu::Features,
+) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
     let offered = adapter.limits();
     // The portable floor, but with room for large canvases and large scenes.
     let limits = wgpu::Limits {
@@ -301,7 +314,7 @@ fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue), G
         label: Some("gpu/device"),
         required_limits: limits,
         // How long passes take is measured where that can be.
-        required_features: adapter.features() & (TIMESTAMPS | INDIRECT_INSTANCES),
+        required_features: adapter.features() & features,
         ..Default::default()
     });
     pollster::block_on(request).map_err(|error| GpuError::Device {

@@ -12,6 +12,7 @@ mod extension_textures;
 mod extensions;
 mod fog;
 mod furnace;
+mod geometry_room;
 mod glow;
 mod gpu_faults;
 mod harness;

@@ -310,18 +310,28 @@ impl SceneFixture {
     }
 
     pub fn build_with(&self, traits: &NodeTraits) -> GpuScene {
+        self.build_on(gpu(), traits, |builder| builder)
+    }
+
+    /// Builds it on a GPU, with a builder that was set up so.
+    pub fn build_on(
+        &self,
+        gpu: &Gpu,
+        traits: &NodeTraits,
+        set_up: fn(SceneBuilder) -> SceneBuilder,
+    ) -> GpuScene {
         let mut layout = SceneLayout::with_traits(self.desc.clone(), traits, &|| false).unwrap();
         if let Some(ground) = self.ground {
             layout = layout.with_ground(ground);
         }
-        let mut builder = SceneBuilder::of(gpu(), Arc::new(layout)).unwrap();
+        let mut builder = set_up(SceneBuilder::of(gpu, Arc::new(layout)).unwrap());
         for (index, bytes) in self.textures.iter().enumerate() {
-            builder.upload_texture(gpu(), index, bytes).unwrap();
+            builder.upload_texture(gpu, index, bytes).unwrap();
         }
         for (mesh, shape) in self.shapes.iter().enumerate() {
-            builder.upload_primitive(gpu(), mesh, 0, &shape.bytes()).unwrap();
+            builder.upload_primitive(gpu, mesh, 0, &shape.bytes()).unwrap();
         }
-        builder.finish(gpu()).unwrap()
+        builder.finish(gpu).unwrap()
     }
 }
 
@@ -363,12 +373,23 @@ pub fn draw_sampled(
     samples: u32,
     views: &[ViewDesc],
 ) -> (Vec<[u8; 4]>, DrawStats) {
-    let mut renderer = Renderer::new(gpu(), samples).unwrap();
-    renderer.prepare(gpu(), scene);
+    draw_on(gpu(), scene, size, samples, views)
+}
+
+/// Draws views of a scene that was built on a GPU.
+pub fn draw_on(
+    gpu: &Gpu,
+    scene: &GpuScene,
+    size: [u32; 2],
+    samples: u32,
+    views: &[ViewDesc],
+) -> (Vec<[u8; 4]>, DrawStats) {
+    let mut renderer = Renderer::new(gpu, samples).unwrap();
+    renderer.prepare(gpu, scene);
     let is_linear = views.iter().any(|view| scene.needs_light(view.effects()));
-    let mut target = Target::new(gpu(), size, samples, is_linear).unwrap();
-    let stats = renderer.draw(gpu(), scene, &mut target, views).unwrap();
-    let pixels = read_pixels(gpu(), &target).unwrap();
+    let mut target = Target::new(gpu, size, samples, is_linear).unwrap();
+    let stats = renderer.draw(gpu, scene, &mut target, views).unwrap();
+    let pixels = read_pixels(gpu, &target).unwrap();
     (pixels.as_chunks::<4>().0.to_vec(), stats)
 }
 
