@@ -1,4 +1,4 @@
-//! Meshes that share buffers, and draws whose arguments the GPU reads: no picture depends on either.
+//! Meshes that share buffers, and draws whose arguments a GPU reads: no picture depends on either.
 
 use glam::{DAffine3, DVec3, Vec4};
 use polyptych_scene::{AlphaMode, Material, NodeTraits};
