@@ -1,4 +1,4 @@
-//! The draw calls of items: the levels of detail of its meshlets, without those that cannot show.
+//! The draw calls of items: the levels of detail of their meshlets, without those that cannot show.
 
 use glam::DVec3;
 

@@ -55,10 +55,11 @@ impl EnlargePass {
     ) -> Submission {
         let is_light = onto.content() == ImageEncoding::Light;
         let layout = &self.group_layout;
-        let pipeline = self
-            .pipelines
-            .entry((parts, is_light))
-            .or_insert_with(|| pipeline(gpu, layout, onto.content(), parts));
+        let pipeline = self.pipelines.entry((parts, is_light)).or_insert_with(|| {
+            let constants = [("PARTS", f64::from(parts))];
+            let fragment = ("enlarge", &shader::screen(SOURCE)[..], &constants[..]);
+            picture_pipeline(gpu, layout, onto.content(), fragment)
+        });
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("enlarge/group"),
             layout,
@@ -94,24 +95,25 @@ impl EnlargePass {
     }
 }
 
-fn pipeline(
+/// The pipeline from one picture to another: its fragment stage, which names it, its shader, and
+/// the shader's constants.
+pub(super) fn picture_pipeline(
     gpu: &Gpu,
     group_layout: &wgpu::BindGroupLayout,
     content: ImageEncoding,
-    parts: u32,
+    (name, source, constants): (&str, &str, &[(&str, f64)]),
 ) -> wgpu::RenderPipeline {
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some("enlarge/shader"),
-        source: wgpu::ShaderSource::Wgsl(shader::screen(SOURCE).into()),
+        label: Some(&format!("{name}/shader")),
+        source: wgpu::ShaderSource::Wgsl(source.into()),
     });
     let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some("enlarge/pipeline_layout"),
+        label: Some(&format!("{name}/pipeline_layout")),
         bind_group_layouts: &[None, Some(group_layout)],
         immediate_size: 0,
     });
-    let constants = [("PARTS", f64::from(parts))];
     gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("enlarge/pipeline"),
+        label: Some(&format!("{name}/pipeline")),
         layout: Some(&layout),
         vertex: wgpu::VertexState {
             module: &module,
@@ -124,9 +126,9 @@ fn pipeline(
         multisample: wgpu::MultisampleState::default(),
         fragment: Some(wgpu::FragmentState {
             module: &module,
-            entry_point: Some("enlarge"),
+            entry_point: Some(name),
             compilation_options: wgpu::PipelineCompilationOptions {
-                constants: &constants,
+                constants,
                 ..Default::default()
             },
             targets: &[Some(content.format().into())],

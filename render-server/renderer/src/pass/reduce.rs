@@ -5,7 +5,8 @@ use std::collections::HashMap;
 use std::num::NonZeroU32;
 
 use crate::gpu::Gpu;
-use crate::output_texture::{ImageEncoding, OutputTexture};
+use crate::output_texture::OutputTexture;
+use crate::pass::enlarge::picture_pipeline;
 use crate::pass::tonemap::clear;
 use crate::{bindings, shader};
 
@@ -35,13 +36,16 @@ impl ReducePass {
         picture: &OutputTexture,
         side: NonZeroU32,
     ) -> OutputTexture {
-        let size = picture.size().map(|pixels| pixels.div_ceil(side.get()));
+        // Of larger squares the picture has one, too.
+        let [width, height] = picture.size();
+        let side = side.get().min(width.max(height));
+        let size = [width, height].map(|pixels| pixels.div_ceil(side));
         let reduced = OutputTexture::new(gpu, size, picture.content());
         let layout = &self.group_layout;
-        let pipeline = self
-            .pipelines
-            .entry(picture.content().format())
-            .or_insert_with(|| pipeline(gpu, layout, picture.content()));
+        let pipeline = self.pipelines.entry(picture.content().format()).or_insert_with(|| {
+            let fragment = ("reduce", &shader::screen(SOURCE)[..], &[][..]);
+            picture_pipeline(gpu, layout, picture.content(), fragment)
+        });
         let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("reduce/group"),
@@ -58,46 +62,9 @@ impl ReducePass {
             let mut pass = clear(&mut encoder, "reduce/pass", reduced.view(), black);
             pass.set_pipeline(pipeline);
             pass.set_bind_group(1, &group, &[]);
-            pass.draw(0..3, side.get()..side.get() + 1);
+            pass.draw(0..3, side..side + 1);
         }
         gpu.queue.submit([encoder.finish()]);
         reduced
     }
-}
-
-fn pipeline(
-    gpu: &Gpu,
-    group_layout: &wgpu::BindGroupLayout,
-    content: ImageEncoding,
-) -> wgpu::RenderPipeline {
-    let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some("reduce/shader"),
-        source: wgpu::ShaderSource::Wgsl(shader::screen(SOURCE).into()),
-    });
-    let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some("reduce/pipeline_layout"),
-        bind_group_layouts: &[None, Some(group_layout)],
-        immediate_size: 0,
-    });
-    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("reduce/pipeline"),
-        layout: Some(&layout),
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some("corner"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            buffers: &[],
-        },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: None,
-        multisample: wgpu::MultisampleState::default(),
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some("reduce"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            targets: &[Some(content.format().into())],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
 }

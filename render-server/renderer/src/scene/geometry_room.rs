@@ -117,9 +117,9 @@ fn elements_of(desc: &Primitive) -> [(Elements, u64); 2] {
     [vertices, (Elements::Indices(desc.index_format), indices)]
 }
 
-/// The bytes that a place takes: no place is empty, and copies begin at multiples of 4.
+/// The bytes that a place takes: copies begin at multiples of 4, as all vertices do.
 fn padded(bytes: u64) -> u64 {
-    bytes.max(1).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT)
+    bytes.next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT)
 }
 
 fn buffer(gpu: &Gpu, size: u64) -> wgpu::Buffer {

@@ -11,7 +11,8 @@ use crate::{OutputTexture, Renderer, read_picture};
 fn each_pixel_has_the_mean_light_of_a_square() {
     let mut renderer = Renderer::new(gpu(), 1).expect("a renderer");
     let code = |at: u32| (at.wrapping_mul(2_654_435_761) >> 11) as u8;
-    for (size, side) in [([16, 12], 4), ([17, 13], 4), ([5, 3], 8), ([9, 7], 1)] {
+    for (size, side) in [([16, 12], 4), ([17, 13], 4), ([5, 3], 8), ([9, 7], 1), ([6, 5], u32::MAX)]
+    {
         let [width, height]: [u32; 2] = size;
         let rgba: Vec<u8> =
             (0..4 * width * height).map(|at| if at % 4 == 3 { 255 } else { code(at) }).collect();
@@ -23,7 +24,8 @@ fn each_pixel_has_the_mean_light_of_a_square() {
         let across = reduced.size()[0];
         for (at, pixel) in (0..).zip(found.chunks_exact(4)) {
             let (left, top) = (at % across * side, at / across * side);
-            let (right, bottom) = ((left + side).min(width), (top + side).min(height));
+            let end = |from: u32, all: u32| from.saturating_add(side).min(all);
+            let (right, bottom) = (end(left, width), end(top, height));
             let places = (top..bottom).flat_map(|y| (left..right).map(move |x| y * width + x));
             let places: Vec<u32> = places.collect();
             for channel in 0..3 {
