@@ -99,11 +99,18 @@ impl Corrected {
         })
     }
 
-    fn correct(&mut self, gpu: &Gpu, source: &Target) -> Result<f64, Failure> {
+    /// The time of a correction in milliseconds, from its submission to its end.
+    fn correct(
+        &mut self,
+        gpu: &Gpu,
+        renderer: &mut Renderer,
+        source: &Target,
+    ) -> Result<f64, Failure> {
         let picture = self.correction.picture(gpu);
         let start = Instant::now();
         let taps = self.plan.taps.to_array();
-        self.correction.draw(gpu, source, &self.eyes, taps, &picture)?;
+        let drawn = self.correction.draw(gpu, source, &self.eyes, taps, &picture)?;
+        renderer.finish_submission(gpu, &drawn)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 }
@@ -139,9 +146,10 @@ fn meshes(gpu: &Gpu) -> Result<(), Failure> {
     }
     let size = all.iter().fold(UVec2::ZERO, |size, (_, one, _)| size.max(one.plan.size));
     let source = Target::with_encoding(gpu, size.to_array(), 1, false, ImageEncoding::Light)?;
+    let mut renderer = Renderer::new(gpu, 1)?;
     for round in 0..=ROUNDS {
         for (_, corrected, times) in &mut all {
-            let took = corrected.correct(gpu, &source)?;
+            let took = corrected.correct(gpu, &mut renderer, &source)?;
             if round > 0 {
                 times.push(took);
             }
@@ -197,8 +205,8 @@ fn share(gpu: &Gpu, path: &Path) -> Result<(), Failure> {
         let start = Instant::now();
         renderer.draw(gpu, &scene, &mut source, std::slice::from_ref(&part))?;
         took[1] = start.elapsed().as_secs_f64() * 1e3;
-        took[2] = warped.correct(gpu, &source)?;
-        took[3] = corrected.correct(gpu, &source)?;
+        took[2] = warped.correct(gpu, &mut renderer, &source)?;
+        took[3] = corrected.correct(gpu, &mut renderer, &source)?;
         // The first one compiles.
         if round > 0 {
             times.iter_mut().zip(took).for_each(|(times, took)| times.push(took));
