@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! source -> hierarchy: cut into meshlets -> group neighbours -> simplify -> cut again
-//!     patch: along edges, or clustering: parts grow together, where contraction says
+//!     patch: along edges, or small_parts: without what is narrow, or clustering: parts grow
+//!     together, where contraction says
 //!     deviation, appearance: measure -> error of the group
 //! ```
 //!

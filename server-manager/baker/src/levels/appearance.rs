@@ -17,7 +17,6 @@
 
 use glam::{DVec2, DVec3};
 
-use super::chart;
 use super::patch::by_surface;
 use super::source::Source;
 use super::triangle_set::{Nearest, SurfacePoint, TriangleSet, shares_of_nearest};
@@ -78,12 +77,13 @@ impl VertexList {
         &self.points
     }
 
-    /// Measures the change at vertices that `before` uses and `after` does not. `nearest` gives the
-    /// triangle of `after` that is nearest to a vertex in space.
+    /// Measures the change at vertices that `before` uses and `after` does not. `charts` are the
+    /// widths of their charts, and `nearest` gives the triangle of `after` that is nearest to a
+    /// vertex in space.
     pub fn change(
         &self,
-        before: &[u32],
-        after: &[u32],
+        (before, after): (&[u32], &[u32]),
+        charts: &[f64],
         after_set: &TriangleSet,
         nearest: impl Fn(u32) -> Nearest,
     ) -> Change {
@@ -95,7 +95,6 @@ impl VertexList {
             is_removed[*index as usize] = false;
         }
         let removed = (0..).zip(is_removed).filter_map(|(index, is)| is.then_some(index));
-        let charts = chart::widths(&self.points, before);
         let mut change = Change::default();
         for index in removed {
             let slide_max = charts[index as usize];

@@ -68,16 +68,15 @@ pub(super) struct MovedVertex {
 }
 
 /// Returns the triangles of a surface of many parts with about half of their number, or `None` if
-/// too few can be spared, or it is not of many parts. `measured` is what the error is measured
-/// against; `is_locked` says of a vertex whether it must stay, and `prior` is the error that the
-/// triangles have already.
+/// too few can be spared. `measured` is what the error is measured against; `is_locked` says of a
+/// vertex whether it must stay, and `prior` is the error that the triangles have already.
 pub(super) fn simplify(
     source: &Source<'_>,
     (triangles, measured): (&[u32], &[u32]),
     is_locked: impl Fn(u32) -> bool,
     prior: f64,
 ) -> Option<Simplified> {
-    if source.keeps_order() || !is_scattered(source, triangles) {
+    if source.keeps_order() {
         return None;
     }
     let mut vertices = [triangles, measured].concat();
@@ -134,7 +133,7 @@ fn keeps_locked(
 
 /// Returns whether a surface is of many small parts that share no position, so that simplifying it
 /// along its edges cannot get far.
-fn is_scattered(source: &Source<'_>, triangles: &[u32]) -> bool {
+pub(super) fn is_scattered(source: &Source<'_>, triangles: &[u32]) -> bool {
     let mut names: Vec<u32> = triangles.iter().map(|at| source.welded[*at as usize]).collect();
     let corners = names.clone();
     names.sort_unstable();

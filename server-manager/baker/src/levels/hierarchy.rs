@@ -162,9 +162,15 @@ impl Builder<'_, '_> {
             };
             let patch = Patch::new(self.source, &triangles, measured);
             let simplified = patch.simplify(is_locked, prior);
-            let clustered =
-                clustering::simplify(self.source, (&triangles, measured), is_locked, prior);
-            let simplified = best(simplified, clustered);
+            // What is replaced as a whole has no border where cracks could come.
+            let is_whole = finest.is_some() && self.source.surfaces().len() > 1;
+            let is_of_parts = is_whole || clustering::is_scattered(self.source, &triangles);
+            let lists = (&triangles[..], &measured[..]);
+            let clustered = is_of_parts
+                .then(|| clustering::simplify(self.source, lists, is_locked, prior))
+                .flatten();
+            let parts = finest.as_ref().and_then(|_| patch.simplify_parts(is_locked, prior));
+            let simplified = [clustered, parts].into_iter().fold(simplified, best);
             let replacement = simplified.and_then(|simplified| {
                 let steps = if finest.is_some() { 0.0 } else { prior };
                 let error = (steps + simplified.error).max(prior);
@@ -309,7 +315,7 @@ impl Builder<'_, '_> {
 
 /// Returns the better one of two ways to simplify: that of the smaller error, or of fewer triangles
 /// where errors are nearly alike.
-fn best(one: Option<Simplified>, two: Option<Simplified>) -> Option<Simplified> {
+pub(super) fn best(one: Option<Simplified>, two: Option<Simplified>) -> Option<Simplified> {
     let (one, two) = match (one, two) {
         (Some(one), Some(two)) => (one, two),
         (one, two) => return one.or(two),

@@ -1,12 +1,15 @@
 //! A part of a surface that is simplified at once, and what that changes.
 
+mod small_parts;
+
+use std::cell::OnceCell;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use glam::DVec3;
 use meshopt::{SimplifyOptions, SimplifyVertex};
 
 use super::appearance::{Change, VertexList};
-use super::chart::root;
+use super::chart::{self, root};
 use super::clustering::MovedVertex;
 use super::deviation::{self, Deviation};
 use super::source::{Source, adapter};
@@ -54,9 +57,21 @@ pub(super) struct Patch<'a> {
     welded: Vec<u32>,
     /// The position that each vertex has in the triangles that are simplified, as `welded`.
     places: Vec<u32>,
-    /// The triangles of `current` that stand at the position of each vertex.
-    neighbors: Vec<Neighbors>,
     looks: VertexList,
+    /// Made of `indices` when it is first asked for.
+    finest: OnceCell<BTreeMap<u32, FinestSurface>>,
+}
+
+/// A surface before it is simplified.
+#[derive(Debug)]
+struct FinestSurface {
+    /// Three vertices of the patch for each triangle.
+    indices: Vec<u32>,
+    /// By their positions.
+    triangles: Vec<[u32; 3]>,
+    set: TriangleSet,
+    /// The width of each vertex's chart, see [`chart::widths`].
+    charts: Vec<f64>,
 }
 
 /// Triangles that meet at a position.
@@ -68,6 +83,17 @@ struct Neighbors {
     is_border: bool,
     /// They have several texture coordinates.
     is_seam: bool,
+}
+
+impl Neighbors {
+    /// Returns the flags of a vertex for the simplifier. Seams of textures may be given up if
+    /// nothing can be spared otherwise, borders of surfaces never.
+    fn flags(self, is_locked: bool, keeps_seams: bool) -> SimplifyVertex {
+        let Self { is_border, is_seam, .. } = self;
+        let is_protected = is_border || (keeps_seams && is_seam);
+        let protect = if is_protected { SimplifyVertex::Protect } else { SimplifyVertex::None };
+        if is_locked { protect | SimplifyVertex::Lock } else { protect }
+    }
 }
 
 /// A patch with fewer triangles.
@@ -118,11 +144,9 @@ impl<'a> Patch<'a> {
         };
         let welded = (0..).zip(&vertices).map(weld).collect();
         let looks = VertexList::new(source, &vertices, &indices);
-        let (places, neighbors) = (Vec::clone(&welded), Vec::new());
-        let mut patch =
-            Self { source, vertices, indices, current, welded, places, neighbors, looks };
-        patch.neighbors = patch.neighbors();
-        patch
+        let places = Vec::clone(&welded);
+        let finest = OnceCell::new();
+        Self { source, vertices, indices, current, welded, places, looks, finest }
     }
 
     /// The patch whose vertices have moved to these positions, those of other vertices, before.
@@ -135,9 +159,10 @@ impl<'a> Patch<'a> {
         Self { places, ..self }
     }
 
-    fn neighbors(&self) -> Vec<Neighbors> {
+    /// What meets at each vertex in these triangles.
+    fn neighbors(&self, triangles: &[u32]) -> Vec<Neighbors> {
         let mut all = vec![Neighbors::default(); self.vertices.len()];
-        for &index in &self.current {
+        for &index in triangles {
             let vertex = self.vertices[index as usize];
             let of = &mut all[self.welded[index as usize] as usize];
             let first = *of.first.get_or_insert(vertex);
@@ -147,46 +172,42 @@ impl<'a> Patch<'a> {
         self.welded.iter().map(|at| all[*at as usize]).collect()
     }
 
-    /// Returns the flags of a vertex for the simplifier. Seams of textures may be given up if
-    /// nothing can be spared otherwise, borders of surfaces never.
-    fn flags(&self, index: usize, is_locked: bool, keeps_seams: bool) -> SimplifyVertex {
-        let Neighbors { is_border, is_seam, .. } = self.neighbors[index];
-        let is_protected = is_border || (keeps_seams && is_seam);
-        let protect = if is_protected { SimplifyVertex::Protect } else { SimplifyVertex::None };
-        if is_locked { protect | SimplifyVertex::Lock } else { protect }
-    }
-
     /// Returns the patch with about half of its triangles, or `None` if too few can be spared.
     /// `is_locked` says of a vertex whether it must stay, and `prior` is the error that the
     /// patch's triangles have already.
     pub fn simplify(&self, is_locked: impl Fn(u32) -> bool, prior: f64) -> Option<Simplified> {
-        let triangles = self.current.len() / 3;
-        let ratio = if triangles <= FEW { RATIO_OF_FEW } else { RATIO };
-        let count = (triangles as f64 * ratio) as usize;
         let is_worth = |after: &[u32]| self.is_worth(after);
-        let after = self.fewer(is_locked, count, None, is_worth)?;
+        let after = self.fewer(&self.current, is_locked, (self.wanted(), None), is_worth)?;
         self.measured(&after, prior)
     }
 
-    /// Returns the indices of at least this number of triangles, from what changes least to what
-    /// spares most: the first that are as wanted. The simplifier goes no further than `error_max`,
+    /// The number of triangles that its coarser level is to have.
+    fn wanted(&self) -> usize {
+        let triangles = self.current.len() / 3;
+        let ratio = if triangles <= FEW { RATIO_OF_FEW } else { RATIO };
+        (triangles as f64 * ratio) as usize
+    }
+
+    /// Returns at least this number of the triangles `whole` of the patch, from what changes least to
+    /// what spares most: the first that are as wanted. The simplifier goes no further than `error_max`,
     /// in units of the primitive's space, if there is one.
-    pub fn fewer(
+    fn fewer(
         &self,
+        whole: &[u32],
         is_locked: impl Fn(u32) -> bool,
-        triangles: usize,
-        error_max: Option<f64>,
+        (triangles, error_max): (usize, Option<f64>),
         is_wanted: impl Fn(&[u32]) -> bool,
     ) -> Option<Vec<u32>> {
+        let neighbors = self.neighbors(whole);
         let flags = |keeps_seams: bool| -> Vec<SimplifyVertex> {
-            let vertices = self.vertices.iter().enumerate();
-            vertices.map(|(at, vertex)| self.flags(at, is_locked(*vertex), keeps_seams)).collect()
+            let vertices = self.vertices.iter().zip(&neighbors);
+            vertices.map(|(vertex, of)| of.flags(is_locked(*vertex), keeps_seams)).collect()
         };
         let tries = [(true, SimplifyOptions::None), (false, SimplifyOptions::Prune)];
         tries.into_iter().find_map(|(keeps_seams, prune)| {
             let flags = flags(keeps_seams);
             let options = SimplifyOptions::Permissive | prune;
-            let after = self.simplified(&flags, options, triangles, error_max);
+            let after = self.simplified(whole, &flags, options, (triangles, error_max));
             (is_wanted(&after) && self.fits(&after, &flags)).then_some(after)
         })
     }
@@ -230,10 +251,10 @@ impl<'a> Patch<'a> {
 
     fn simplified(
         &self,
+        whole: &[u32],
         flags: &[SimplifyVertex],
         options: SimplifyOptions,
-        triangles: usize,
-        error_max: Option<f64>,
+        (triangles, error_max): (usize, Option<f64>),
     ) -> Vec<u32> {
         let scaled: Vec<[f32; 3]> =
             self.vertices.iter().map(|vertex| self.source.scaled[*vertex as usize]).collect();
@@ -242,7 +263,7 @@ impl<'a> Patch<'a> {
         // The simplifier's unit is the longest side of the patch.
         let error_max = error_max.map_or(f32::MAX, |error| (error / self.side()) as f32);
         meshopt::simplify_with_attributes_and_locks(
-            &self.current,
+            whole,
             &positions,
             &attributes,
             &weights,
@@ -300,9 +321,9 @@ impl<'a> Patch<'a> {
         let mut after_of = by_surface(after, |index| self.surface_of(index));
         let (mut deviation, mut lost) = (Deviation::default(), 0.0_f64);
         let mut looks = Change::default();
-        for (surface, before) in by_surface(&self.indices, |index| self.surface_of(index)) {
-            let after = after_of.remove(&surface).unwrap_or_default();
-            let Parts { kept, removed } = self.divide(&before, &after);
+        for (surface, finest) in self.finest.get_or_init(|| self.finest(&points)) {
+            let after = after_of.remove(surface).unwrap_or_default();
+            let Parts { kept, removed } = self.divide(&finest.indices, &after);
             let old = self.weld(&kept);
             let new = self.weld(&after);
             for part in &removed {
@@ -315,16 +336,16 @@ impl<'a> Patch<'a> {
             if new.is_empty() {
                 continue;
             }
-            let (old_set, new_set) =
-                (TriangleSet::new(&points, &old), TriangleSet::new(&points, &new));
+            let new_set = TriangleSet::new(&points, &new);
             let (gone, added) = (without(&old, &new), without(&new, &old));
             // Of vertices too that only their texture coordinates or normals tell from kept ones.
             let to_new = nearest_of_corners(&points, &old, &new, &new_set);
-            let to_old = nearest_of_corners(&points, &added, &old, &old_set);
+            let to_old = nearest_of_corners(&points, &added, &finest.triangles, &finest.set);
             deviation::measure(&mut deviation, &points, &gone, &to_new, &new_set, negligible);
-            deviation::measure(&mut deviation, &points, &added, &to_old, &old_set, negligible);
+            deviation::measure(&mut deviation, &points, &added, &to_old, &finest.set, negligible);
             let nearest = |index: u32| to_new[self.welded[index as usize] as usize];
-            let change = self.looks.change(&kept, &after, &new_set, nearest);
+            let lists = (&kept[..], &after[..]);
+            let change = self.looks.change(lists, &finest.charts, &new_set, nearest);
             looks.slide = looks.slide.max(change.slide);
             looks.normal_angle = looks.normal_angle.max(change.normal_angle);
         }
@@ -333,6 +354,18 @@ impl<'a> Patch<'a> {
         let least = (reach * f64::from(f32::EPSILON)).max(f64::from(f32::MIN_POSITIVE));
         let error = (deviation.upper + reach * ROUNDING).max(looks.slide).max(lost).max(least);
         (error, looks.normal_angle)
+    }
+
+    /// What changes are measured against, by surface.
+    fn finest(&self, points: &[DVec3]) -> BTreeMap<u32, FinestSurface> {
+        let surfaces = by_surface(&self.indices, |index| self.surface_of(index));
+        let of_surface = |indices: Vec<u32>| {
+            let triangles = self.weld(&indices);
+            let set = TriangleSet::new(points, &triangles);
+            let charts = chart::widths(self.looks.points(), &indices);
+            FinestSurface { indices, triangles, set, charts }
+        };
+        surfaces.into_iter().map(|(surface, indices)| (surface, of_surface(indices))).collect()
     }
 
     /// The triangles of a list by their positions.

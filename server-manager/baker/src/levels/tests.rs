@@ -5,6 +5,7 @@ mod cut;
 pub(crate) mod distance;
 mod hostile;
 mod order;
+mod parts;
 mod shapes;
 
 use std::sync::atomic::AtomicBool;

@@ -74,7 +74,7 @@ impl Shape {
     }
 
     /// Six sheets around a box, each with normals and texture coordinates of its own.
-    fn cuboid(mut self, cells: u32, low: DVec3, high: DVec3) -> Self {
+    pub(super) fn cuboid(mut self, cells: u32, low: DVec3, high: DVec3) -> Self {
         for side in 0..6 {
             let axis = side % 3;
             let place = move |u: f64, v: f64| {

@@ -1,0 +1,136 @@
+//! Small parts of surfaces that are left out: windows, frames and trims on a wall.
+//!
+//! Where the parts of a surface share no vertex, moving vertices along edges or together spoils
+//! large parts before it spares small ones. What is left out changes no part that stays, and then
+//! what it stood on may lose the edges that it had because of it.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
+use super::{NEGLIGIBLE, Patch, Simplified};
+use crate::levels::chart::root;
+use crate::levels::hierarchy::best;
+use crate::levels::triangle_set::TriangleSet;
+use crate::levels::width;
+
+/// The step by which the error grows until enough triangles are spared.
+const STEP: f64 = 1.4;
+
+/// Errors that are tried from the least one on that spares enough.
+const STEPS: i32 = 4;
+
+/// A connected part of a surface.
+struct Part {
+    /// Three vertices of the patch for each triangle.
+    indices: Vec<u32>,
+    /// See [`width::of_points`]; infinite if the part must stay.
+    width: f64,
+}
+
+impl Patch<'_> {
+    /// Returns the patch with fewer triangles for the least error that spares enough of them, of
+    /// errors that are steps apart: without parts that are no wider and no farther from a larger
+    /// part, and then with fewer edges. `None` if nothing is worth it. Arguments are those of
+    /// [`Patch::simplify`].
+    pub fn simplify_parts(
+        &self,
+        is_locked: impl Fn(u32) -> bool,
+        prior: f64,
+    ) -> Option<Simplified> {
+        let parts = self.parts(&is_locked);
+        let size = self.size().length();
+        let least = prior.max(NEGLIGIBLE * size);
+        let error = |step: i32| least * STEP.powi(step);
+        let end = ((size / least).ln() / STEP.ln()).ceil().max(0.0) as i32;
+        // The first step that spares enough.
+        let (mut from, mut to) = (0, end);
+        while from < to {
+            let middle = from.midpoint(to);
+            if self.without_parts_and_edges(&is_locked, &parts, error(middle)).is_empty() {
+                from = middle + 1;
+            } else {
+                to = middle;
+            }
+        }
+        let mut found: Option<Simplified> = None;
+        for step in from..end.min(from + STEPS) {
+            if found.as_ref().is_some_and(|found| found.error <= error(step)) {
+                break;
+            }
+            for tried in self.without_parts_and_edges(&is_locked, &parts, error(step)) {
+                found = best(found, self.measured(&tried, prior));
+            }
+        }
+        found
+    }
+
+    /// Returns the triangles that are left where parts of such a width are left out, and those
+    /// that are left where edges may move by as much then; each list only if it is worth it.
+    fn without_parts_and_edges(
+        &self,
+        is_locked: impl Fn(u32) -> bool,
+        parts: &[Part],
+        error: f64,
+    ) -> Vec<Vec<u32>> {
+        let stays = self.without_parts(parts, error);
+        let is_worth = |after: &[u32]| self.is_worth(after);
+        let fewer = self.fewer(&stays, is_locked, (0, Some(error)), is_worth);
+        let stays = Some(stays).filter(|stays| is_worth(stays));
+        stays.into_iter().chain(fewer).collect()
+    }
+
+    /// Returns the triangles without parts up to a width that are no farther than that from what
+    /// is wider.
+    fn without_parts(&self, parts: &[Part], width: f64) -> Vec<u32> {
+        let (small, large) = parts.split_at(parts.partition_point(|of| of.width <= width));
+        // A patch of one surface is measured as a whole: nothing may be left out of it.
+        if small.is_empty() || large.is_empty() || self.source.surfaces().len() == 1 {
+            return self.current.clone();
+        }
+        let points: Vec<DVec3> = self.looks.points().iter().map(|point| point.position).collect();
+        let mut stays: Vec<u32> = large.iter().flat_map(|of| &of.indices).copied().collect();
+        let set = TriangleSet::new(&points, &self.weld(&stays));
+        // Neighbours in the list are neighbours in space.
+        let mut guess = 0;
+        for part in small {
+            let is_far = part.indices.iter().any(|at| {
+                let near = set.nearest(points[*at as usize], guess);
+                guess = near.triangle;
+                near.distance > width
+            });
+            if is_far {
+                stays.extend(&part.indices);
+            }
+        }
+        stays
+    }
+
+    /// The connected parts of each surface, the smallest first.
+    fn parts(&self, is_locked: impl Fn(u32) -> bool) -> Vec<Part> {
+        let mut parts = Vec::new();
+        for of_surface in super::by_surface(&self.current, |at| self.surface_of(at)).values() {
+            let mut part_of: Vec<u32> = (0..self.vertices.len() as u32).collect();
+            for corners in self.weld(of_surface) {
+                let [a, b, c] = corners.map(|corner| root(&mut part_of, corner));
+                let least = a.min(b).min(c);
+                for part in [a, b, c] {
+                    part_of[part as usize] = least;
+                }
+            }
+            let mut found: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+            for corners in of_surface.as_chunks::<3>().0 {
+                let part = root(&mut part_of, self.welded[corners[0] as usize]);
+                found.entry(part).or_default().extend(corners);
+            }
+            parts.extend(found.into_values().map(|indices| {
+                let stays = indices.iter().any(|at| is_locked(self.vertices[*at as usize]));
+                let points = indices.iter().map(|at| self.looks.points()[*at as usize].position);
+                let width = if stays { f64::INFINITY } else { width::of_points(points) };
+                Part { indices, width }
+            }));
+        }
+        parts.sort_by(|one, two| one.width.total_cmp(&two.width));
+        parts
+    }
+}
