@@ -68,13 +68,13 @@ pub(super) struct MovedVertex {
 }
 
 /// Returns the triangles of a surface of many parts with about half of their number, or `None` if
-/// too few can be spared. `measured` is what the error is measured against; `is_locked` says of a
+/// too few can be spared for an error within `limit`. `measured` is what the error is measured against; `is_locked` says of a
 /// vertex whether it must stay, and `prior` is the error that the triangles have already.
 pub(super) fn simplify(
     source: &Source<'_>,
     (triangles, measured): (&[u32], &[u32]),
     is_locked: impl Fn(u32) -> bool,
-    prior: f64,
+    (prior, limit): (f64, f64),
 ) -> Option<Simplified> {
     if source.keeps_order() {
         return None;
@@ -102,7 +102,7 @@ pub(super) fn simplify(
         moved.add(vertex);
     }
     let patch = Patch::new(&moved, &clustered.triangles, &measured).with_places(&clustered.places);
-    let mut simplified = patch.measured(patch.current(), prior)?;
+    let mut simplified = patch.measured(patch.current(), (prior, limit))?;
     simplified.added = clustered.added;
     simplified.give_numbers(&vertices, source.vertex_count() as u32);
     Some(simplified)

@@ -161,15 +161,16 @@ impl Builder<'_, '_> {
                 borders.contains(&at) || self.kept[at as usize] || self.locked[at as usize]
             };
             let patch = Patch::new(self.source, &triangles, measured);
-            let simplified = patch.simplify(is_locked, prior);
+            let parts = finest.as_ref().and_then(|_| patch.simplify_parts(is_locked, prior));
+            let errors = (prior, worth_measuring(parts.as_ref()));
+            let simplified = patch.simplify(is_locked, errors);
             // What is replaced as a whole has no border where cracks could come.
             let is_whole = finest.is_some() && self.source.surfaces().len() > 1;
             let is_of_parts = is_whole || clustering::is_scattered(self.source, &triangles);
             let lists = (&triangles[..], &measured[..]);
             let clustered = is_of_parts
-                .then(|| clustering::simplify(self.source, lists, is_locked, prior))
+                .then(|| clustering::simplify(self.source, lists, is_locked, errors))
                 .flatten();
-            let parts = finest.as_ref().and_then(|_| patch.simplify_parts(is_locked, prior));
             let simplified = [clustered, parts].into_iter().fold(simplified, best);
             let replacement = simplified.and_then(|simplified| {
                 let steps = if finest.is_some() { 0.0 } else { prior };
@@ -324,6 +325,11 @@ pub(super) fn best(one: Option<Simplified>, two: Option<Simplified>) -> Option<S
     let is_first =
         if is_alike { one.indices.len() <= two.indices.len() } else { one.error < two.error };
     Some(if is_first { one } else { two })
+}
+
+/// Returns the error beyond which [`best`] prefers what was found to any other way.
+pub(super) fn worth_measuring(found: Option<&Simplified>) -> f64 {
+    found.map_or(f64::INFINITY, |found| found.error * ALIKE)
 }
 
 /// The triangles that replace a group.

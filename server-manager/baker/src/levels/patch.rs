@@ -172,13 +172,17 @@ impl<'a> Patch<'a> {
         self.welded.iter().map(|at| all[*at as usize]).collect()
     }
 
-    /// Returns the patch with about half of its triangles, or `None` if too few can be spared.
-    /// `is_locked` says of a vertex whether it must stay, and `prior` is the error that the
-    /// patch's triangles have already.
-    pub fn simplify(&self, is_locked: impl Fn(u32) -> bool, prior: f64) -> Option<Simplified> {
+    /// Returns the patch with about half of its triangles, or `None` if too few can be spared for
+    /// an error within `limit`. `is_locked` says of a vertex whether it must stay, and `prior` is
+    /// the error that the patch's triangles have already.
+    pub fn simplify(
+        &self,
+        is_locked: impl Fn(u32) -> bool,
+        (prior, limit): (f64, f64),
+    ) -> Option<Simplified> {
         let is_worth = |after: &[u32]| self.is_worth(after);
         let after = self.fewer(&self.current, is_locked, (self.wanted(), None), is_worth)?;
-        self.measured(&after, prior)
+        self.measured(&after, (prior, limit))
     }
 
     /// The number of triangles that its coarser level is to have.
@@ -212,9 +216,10 @@ impl<'a> Patch<'a> {
         })
     }
 
-    /// Returns fewer triangles of the patch with what they change.
-    pub fn measured(&self, after: &[u32], prior: f64) -> Option<Simplified> {
-        let (error, normal_angle) = self.change(after, prior);
+    /// Returns fewer triangles of the patch with what they change, if the error is
+    /// within `limit`.
+    pub fn measured(&self, after: &[u32], (prior, limit): (f64, f64)) -> Option<Simplified> {
+        let (error, normal_angle) = self.change(after, prior, limit)?;
         let indices = after.iter().map(|index| self.vertices[*index as usize]).collect();
         let added = Vec::new();
         error.is_finite().then_some(Simplified { indices, added, error, normal_angle })
@@ -312,8 +317,9 @@ impl<'a> Patch<'a> {
         high - low
     }
 
-    /// Measures what fewer triangles change; see [`Simplified`].
-    fn change(&self, after: &[u32], prior: f64) -> (f64, f64) {
+    /// Measures what fewer triangles change, see [`Simplified`]; `None` as soon as that is known to
+    /// be beyond the limit.
+    fn change(&self, after: &[u32], prior: f64, limit: f64) -> Option<(f64, f64)> {
         let size = self.size().length();
         let negligible = (NEGLIGIBLE * size).max(NEGLIGIBLE_BESIDE * prior);
         let points: Vec<DVec3> = self.looks.points().iter().map(|point| point.position).collect();
@@ -333,6 +339,9 @@ impl<'a> Patch<'a> {
                 lost = lost
                     .max(width::of_points(part.iter().flatten().map(|at| points[*at as usize])));
             }
+            if deviation.lower.max(lost) > limit {
+                return None;
+            }
             if new.is_empty() {
                 continue;
             }
@@ -341,6 +350,9 @@ impl<'a> Patch<'a> {
             // Of vertices too that only their texture coordinates or normals tell from kept ones.
             let to_new = nearest_of_corners(&points, &old, &new, &new_set);
             let to_old = nearest_of_corners(&points, &added, &finest.triangles, &finest.set);
+            if farthest(&gone, &to_new).max(farthest(&added, &to_old)) > limit {
+                return None;
+            }
             deviation::measure(&mut deviation, &points, &gone, &to_new, &new_set, negligible);
             deviation::measure(&mut deviation, &points, &added, &to_old, &finest.set, negligible);
             let nearest = |index: u32| to_new[self.welded[index as usize] as usize];
@@ -353,7 +365,7 @@ impl<'a> Patch<'a> {
         // Positions are no more exact than this themselves, so a smaller error has no meaning.
         let least = (reach * f64::from(f32::EPSILON)).max(f64::from(f32::MIN_POSITIVE));
         let error = (deviation.upper + reach * ROUNDING).max(looks.slide).max(lost).max(least);
-        (error, looks.normal_angle)
+        (error <= limit).then_some((error, looks.normal_angle))
     }
 
     /// What changes are measured against, by surface.
@@ -444,6 +456,12 @@ fn without(triangles: &[[u32; 3]], others: &[[u32; 3]]) -> Vec<[u32; 3]> {
     };
     let others: HashSet<[u32; 3]> = others.iter().map(sorted).collect();
     triangles.iter().filter(|triangle| !others.contains(&sorted(triangle))).copied().collect()
+}
+
+/// The largest distance of a corner of triangles.
+fn farthest(triangles: &[[u32; 3]], nearest: &[Nearest]) -> f64 {
+    let corners = triangles.iter().flatten();
+    corners.map(|point| nearest[*point as usize].distance).fold(0.0, f64::max)
 }
 
 /// Gives for each point that `triangles` name which triangle of `to` is nearest to it. `surface`

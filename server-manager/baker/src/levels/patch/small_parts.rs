@@ -10,7 +10,7 @@ use glam::DVec3;
 
 use super::{NEGLIGIBLE, Patch, Simplified};
 use crate::levels::chart::root;
-use crate::levels::hierarchy::best;
+use crate::levels::hierarchy::{best, worth_measuring};
 use crate::levels::triangle_set::TriangleSet;
 use crate::levels::width;
 
@@ -59,7 +59,8 @@ impl Patch<'_> {
                 break;
             }
             for tried in self.without_parts_and_edges(&is_locked, &parts, error(step)) {
-                found = best(found, self.measured(&tried, prior));
+                let limit = worth_measuring(found.as_ref());
+                found = best(found, self.measured(&tried, (prior, limit)));
             }
         }
         found
