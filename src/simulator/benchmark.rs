@@ -19,13 +19,14 @@ use std::sync::Arc;
 use polyptych_client::Camera;
 use polyptych_manager::import::Baker;
 use polyptych_text::counted;
+use polyptych_wall::ShadowFilter;
 
 pub(crate) use bench_wall::BenchWall;
 pub(crate) use bench_wall::{COLUMNS_MAX, grid_of};
 use frame_samples::FrameSamples;
 pub(crate) use html::page;
 pub(crate) use peers::PeerKit;
-use scene_report::{BoundReport, ChannelsReport, SamplesReport};
+use scene_report::{BoundReport, ChannelsReport, SamplesReport, ShadowsReport, shadows_name};
 pub(crate) use scene_report::{RunInfo, SceneReport};
 use stage::Stage;
 
@@ -39,6 +40,10 @@ const WARM_UP_FRAMES: u32 = 3;
 
 /// Samples per pixel of the wall that is compared with one sample.
 const SAMPLES: u32 = 4;
+
+/// Shadows of walls that are compared with one that has the usual shadows.
+const OTHER_SHADOWS: [ShadowFilter; 3] =
+    [ShadowFilter::Off, ShadowFilter::Hard, ShadowFilter::ContactHardening];
 
 /// The measurements of each scene.
 #[derive(Debug)]
@@ -64,7 +69,7 @@ pub(crate) struct BenchmarkOptions {
 impl BenchmarkOptions {
     /// Steps of one scene that progress counts.
     fn steps(&self, has_peers: bool) -> u64 {
-        let walls = 1 + self.channel_counts[1..].len() as u64 + 2;
+        let walls = 1 + self.channel_counts[1..].len() as u64 + 2 + OTHER_SHADOWS.len() as u64;
         3 + u64::from(self.repetitions) * walls + u64::from(has_peers)
     }
 }
@@ -101,13 +106,15 @@ impl<'a> Benchmark<'a> {
     /// The reason why it cannot be opened or drawn; [`Ending`] if the user ended the run.
     pub fn measure(&mut self, scene: &ReferenceScene) -> anyhow::Result<SceneReport> {
         self.scenes += 1;
-        let single = BenchWall { size: self.options.size, channels: 1, samples: 1 };
+        let shadows = ShadowFilter::default();
+        let single = BenchWall { size: self.options.size, channels: 1, samples: 1, shadows };
         let mut report = SceneReport::new(&scene.file, self.run);
         report.bounds = self.options.bounds_px.iter().map(|&px| BoundReport::new(px)).collect();
         self.measure_errors(single, scene, &mut report)?;
         let mut bounds = vec![FrameSamples::default(); self.options.bounds_px.len()];
         let mut channels = vec![FrameSamples::default(); self.options.channel_counts.len()];
         let (mut empty, mut samples) = (FrameSamples::default(), FrameSamples::default());
+        let mut shadows = OTHER_SHADOWS.map(|_| FrameSamples::default());
         let (flat_folder, mut flat) = (tempfile::tempdir()?, FrameSamples::default());
         let flat_scene = flat_scene::write(&scene.file, flat_folder.path());
         let flat_scene = flat_scene.map(|file| ReferenceScene { file, ..scene.clone() });
@@ -130,6 +137,9 @@ impl<'a> Benchmark<'a> {
             }
             let wall = BenchWall { samples: SAMPLES, ..single };
             self.time_wall(wall, scene, repetition, &mut samples)?;
+            for (shadows, measured) in OTHER_SHADOWS.into_iter().zip(&mut shadows) {
+                self.time_wall(BenchWall { shadows, ..single }, scene, repetition, measured)?;
+            }
             match &flat_scene {
                 Ok(flat_scene) => self.time_wall(single, flat_scene, repetition, &mut flat)?,
                 Err(error) => report.flat_error = Some(format!("{error:#}")),
@@ -150,6 +160,11 @@ impl<'a> Benchmark<'a> {
         report.samples = [(1, &bounds[0]), (SAMPLES, &samples)]
             .map(|(samples, measured)| SamplesReport { samples, frames: measured.costs() })
             .to_vec();
+        let others = OTHER_SHADOWS.into_iter().zip(&shadows);
+        report.shadows = std::iter::once((ShadowFilter::default(), &bounds[0]))
+            .chain(others)
+            .map(|(shadows, measured)| ShadowsReport { shadows, frames: measured.costs() })
+            .collect();
         self.time_peers(scene, &mut report)?;
         Ok(report)
     }
@@ -221,7 +236,8 @@ impl<'a> Benchmark<'a> {
     ) -> anyhow::Result<()> {
         let channels = counted(wall.channels, "channel");
         let per_pixel = counted(wall.samples, "sample");
-        let what = format!("round {repetition}, {channels}, {per_pixel} a pixel");
+        let shadows = shadows_name(wall.shadows);
+        let what = format!("round {repetition}, {channels}, {per_pixel} a pixel, {shadows}");
         let stage = self.open(wall, scene, what)?;
         stage.set_error_bound(0.0)?;
         self.time(&stage, samples, |time_s| stage.camera_at(time_s))

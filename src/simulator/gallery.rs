@@ -11,7 +11,7 @@ use anyhow::{Context, anyhow, bail};
 use image::RgbaImage;
 use polyptych_client::{SceneSummary, fit_bounds};
 use polyptych_manager::import::Baker;
-use polyptych_wall::Wall;
+use polyptych_wall::{ShadowFilter, Wall};
 use serde::Serialize;
 
 use crate::image_files;
@@ -110,7 +110,8 @@ impl Gallery {
         time_s: f64,
         baker: Baker,
     ) -> anyhow::Result<Self> {
-        let wall = BenchWall { size, channels: 1, samples: SAMPLES }.to_wall()?;
+        let shadows = ShadowFilter::default();
+        let wall = BenchWall { size, channels: 1, samples: SAMPLES, shadows }.to_wall()?;
         Ok(Self { wall, scene_roots, baker, time_s, local: None, end: None })
     }
 

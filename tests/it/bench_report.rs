@@ -93,6 +93,11 @@ fn a_report_has_time_detail_and_measured_error_for_every_bound() {
             assert!(number(entry, "frame_ms") > 0.0 && number(entry, "draw_ms") > 0.0, "{entry}");
         }
     }
+    let kinds = scene["shadows"].as_array().expect("a list").iter().map(|of| {
+        assert!(number(of, "frame_ms") > 0.0, "{of}");
+        &of["shadows"]
+    });
+    assert!(kinds.eq(["soft", "off", "hard", "contact-hardening"]), "{}", scene["shadows"]);
     check_page(&page_of(&place));
 }
 

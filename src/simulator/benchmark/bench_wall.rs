@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use polyptych_wall::Wall;
+use polyptych_wall::{ShadowFilter, Wall};
 
 /// Half the angle that the screen fills from top to bottom, in degrees; as `configs/single.toml`.
 const HALF_HEIGHT_DEGREES: f64 = 22.5;
@@ -26,6 +26,7 @@ pub(crate) struct BenchWall {
     pub channels: u32,
     /// Samples per pixel: 1 or 4.
     pub samples: u32,
+    pub shadows: ShadowFilter,
 }
 
 /// Returns the columns and rows of so many channels: 1×1, 2×1, 2×2, 4×2 or 4×4; `None` for other
@@ -43,7 +44,7 @@ impl BenchWall {
     /// # Errors
     /// A size or number of channels that no wall can have.
     pub fn to_wall(self) -> anyhow::Result<Wall> {
-        let Self { size: [width, height], channels, samples } = self;
+        let Self { size: [width, height], channels, samples, shadows } = self;
         let no_wall = |reason: String| {
             anyhow::anyhow!("{width}x{height} pixels, {channels} channels: {reason}")
         };
@@ -64,6 +65,7 @@ impl BenchWall {
         for channel in &mut wall.channels {
             channel.server = "bench".into();
         }
+        wall.shadows = shadows;
         wall.deadline.min_ms = FRAME_TIME_MAX_MS;
         wall.deadline.max_ms = FRAME_TIME_MAX_MS;
         wall.heartbeat_ms = FRAME_TIME_MAX_MS;
@@ -76,10 +78,13 @@ impl BenchWall {
 mod tests {
     use super::*;
 
+    const SINGLE: BenchWall =
+        BenchWall { size: [1920, 1080], channels: 1, samples: 1, shadows: ShadowFilter::Soft };
+
     #[test]
     fn channels_share_the_same_pixels_of_one_screen_and_one_server() {
         for channels in [1, 2, 4, 8, 16] {
-            let wall = BenchWall { size: [1920, 1080], channels, samples: 1 };
+            let wall = BenchWall { channels, ..SINGLE };
             let wall = wall.to_wall().expect("a wall");
             assert_eq!(wall.channels.len(), channels as usize);
             let pixels = |channel: &polyptych_wall::Channel| {
@@ -95,7 +100,7 @@ mod tests {
 
     #[test]
     fn a_wall_that_cannot_be_is_named_with_its_size() {
-        let error = BenchWall { size: [100_000, 10], channels: 1, samples: 1 }.to_wall();
+        let error = BenchWall { size: [100_000, 10], ..SINGLE }.to_wall();
         let said = error.expect_err("too wide").to_string();
         assert!(said.contains("100000x10"), "{said}");
     }

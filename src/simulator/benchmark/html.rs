@@ -1,7 +1,7 @@
 //! `report.html`: one file with tables and plots, without scripts.
 
 use super::frame_samples::FrameCosts;
-use super::scene_report::{BoundReport, RunInfo, SceneReport};
+use super::scene_report::{BoundReport, RunInfo, SceneReport, shadows_name};
 use crate::report_page::markup::{add, escaped, number};
 use crate::report_page::plot::{Axis, Plot, Point, Scale, Series};
 use crate::report_page::{self, add_facts, add_row, begin_table, end_table};
@@ -262,7 +262,8 @@ fn other_table(scene: &SceneReport) -> String {
         .iter()
         .filter(|s| s.samples > 1)
         .map(|s| (format!("{} samples a pixel", s.samples), &s.frames));
-    for (name, frames) in empty.chain(flat).chain(channels).chain(samples) {
+    let shadows = scene.shadows.iter().map(|s| (shadows_name(s.shadows).to_owned(), &s.frames));
+    for (name, frames) in empty.chain(flat).chain(channels).chain(samples).chain(shadows) {
         let spread = &frames.frame_ms_spread;
         let cells = [
             name,

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use polyptych_client::SceneSummary;
 use polyptych_text::counted;
+use polyptych_wall::ShadowFilter;
 use serde::Serialize;
 use time::OffsetDateTime;
 
@@ -111,6 +112,8 @@ pub(crate) struct SceneReport {
     pub(super) channels: Vec<ChannelsReport>,
     /// Full detail, with more samples per pixel.
     pub(super) samples: Vec<SamplesReport>,
+    /// Full detail, with each kind of shadows.
+    pub(super) shadows: Vec<ShadowsReport>,
     /// Other renderers with the same scene, size and poses; this one as the kit ran it is among
     /// them. Empty without a kit.
     pub(super) peers: Vec<PeerReport>,
@@ -136,6 +139,7 @@ impl SceneReport {
             load_step: None,
             channels: Vec::new(),
             samples: Vec::new(),
+            shadows: Vec::new(),
             peers: Vec::new(),
             peers_error: None,
         }
@@ -228,6 +232,24 @@ pub(super) struct SamplesReport {
     pub samples: u32,
     #[serde(flatten)]
     pub frames: FrameCosts,
+}
+
+/// The costs of a frame with a kind of shadows.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct ShadowsReport {
+    pub shadows: ShadowFilter,
+    #[serde(flatten)]
+    pub frames: FrameCosts,
+}
+
+/// Returns a kind of shadows as people call it.
+pub(super) fn shadows_name(shadows: ShadowFilter) -> &'static str {
+    match shadows {
+        ShadowFilter::Off => "no shadows",
+        ShadowFilter::Hard => "hard shadows",
+        ShadowFilter::Soft => "soft shadows",
+        ShadowFilter::ContactHardening => "contact-hardening shadows",
+    }
 }
 
 #[cfg(test)]
