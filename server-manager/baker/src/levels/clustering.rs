@@ -68,8 +68,9 @@ pub(super) struct MovedVertex {
 }
 
 /// Returns the triangles of a surface of many parts with about half of their number, or `None` if
-/// too few can be spared for an error within `limit`. `measured` is what the error is measured against; `is_locked` says of a
-/// vertex whether it must stay, and `prior` is the error that the triangles have already.
+/// too few can be spared for an error within `limit`. `measured` is what the error is measured
+/// against; `is_locked` says of a vertex whether it must stay, and `prior` is the error that the
+/// triangles have already.
 pub(super) fn simplify(
     source: &Source<'_>,
     (triangles, measured): (&[u32], &[u32]),

@@ -192,9 +192,9 @@ impl<'a> Patch<'a> {
         (triangles as f64 * ratio) as usize
     }
 
-    /// Returns at least this number of the triangles `whole` of the patch, from what changes least to
-    /// what spares most: the first that are as wanted. The simplifier goes no further than `error_max`,
-    /// in units of the primitive's space, if there is one.
+    /// Returns at least this number of the triangles `whole` of the patch, from what changes least
+    /// to what spares most: the first that are as wanted. The simplifier goes no further than
+    /// `error_max`, in units of the primitive's space, if there is one.
     fn fewer(
         &self,
         whole: &[u32],
