@@ -114,7 +114,7 @@ impl<'a> Benchmark<'a> {
         let mut bounds = vec![FrameSamples::default(); self.options.bounds_px.len()];
         let mut channels = vec![FrameSamples::default(); self.options.channel_counts.len()];
         let (mut empty, mut samples) = (FrameSamples::default(), FrameSamples::default());
-        let mut shadows = OTHER_SHADOWS.map(|_| FrameSamples::default());
+        let mut others = OTHER_SHADOWS.map(|_| FrameSamples::default());
         let (flat_folder, mut flat) = (tempfile::tempdir()?, FrameSamples::default());
         let flat_scene = flat_scene::write(&scene.file, flat_folder.path());
         let flat_scene = flat_scene.map(|file| ReferenceScene { file, ..scene.clone() });
@@ -137,7 +137,7 @@ impl<'a> Benchmark<'a> {
             }
             let wall = BenchWall { samples: SAMPLES, ..single };
             self.time_wall(wall, scene, repetition, &mut samples)?;
-            for (shadows, measured) in OTHER_SHADOWS.into_iter().zip(&mut shadows) {
+            for (shadows, measured) in OTHER_SHADOWS.into_iter().zip(&mut others) {
                 self.time_wall(BenchWall { shadows, ..single }, scene, repetition, measured)?;
             }
             match &flat_scene {
@@ -160,9 +160,8 @@ impl<'a> Benchmark<'a> {
         report.samples = [(1, &bounds[0]), (SAMPLES, &samples)]
             .map(|(samples, measured)| SamplesReport { samples, frames: measured.costs() })
             .to_vec();
-        let others = OTHER_SHADOWS.into_iter().zip(&shadows);
         report.shadows = std::iter::once((ShadowFilter::default(), &bounds[0]))
-            .chain(others)
+            .chain(OTHER_SHADOWS.into_iter().zip(&others))
             .map(|(shadows, measured)| ShadowsReport { shadows, frames: measured.costs() })
             .collect();
         self.time_peers(scene, &mut report)?;

@@ -108,7 +108,9 @@ impl TextureCopy {
         mapped.map_err(|error| failed(&error))?;
         let view = self.buffer.get_mapped_range(..).map_err(|error| failed(&error))?;
         let rows = view.chunks_exact(self.padded);
-        Ok(rows.flat_map(|row| row[..self.row_bytes].iter().copied()).collect())
+        let mut pixels = Vec::with_capacity(rows.len() * self.row_bytes);
+        rows.for_each(|row| pixels.extend_from_slice(&row[..self.row_bytes]));
+        Ok(pixels)
     }
 }
 

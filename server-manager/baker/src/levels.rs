@@ -26,6 +26,7 @@ mod deviation;
 mod enclosing_sphere;
 mod hierarchy;
 mod patch;
+mod simplified;
 mod source;
 mod surface;
 #[cfg(test)]

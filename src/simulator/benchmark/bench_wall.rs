@@ -26,6 +26,7 @@ pub(crate) struct BenchWall {
     pub channels: u32,
     /// Samples per pixel: 1 or 4.
     pub samples: u32,
+    /// The edges of shadows.
     pub shadows: ShadowFilter,
 }
 

@@ -1,5 +1,7 @@
 //! `report.html`: one file with tables and plots, without scripts.
 
+use polyptych_wall::ShadowFilter;
+
 use super::frame_samples::FrameCosts;
 use super::scene_report::{BoundReport, RunInfo, SceneReport, shadows_name};
 use crate::report_page::markup::{add, escaped, number};
@@ -262,7 +264,8 @@ fn other_table(scene: &SceneReport) -> String {
         .iter()
         .filter(|s| s.samples > 1)
         .map(|s| (format!("{} samples a pixel", s.samples), &s.frames));
-    let shadows = scene.shadows.iter().map(|s| (shadows_name(s.shadows).to_owned(), &s.frames));
+    let other_shadows = scene.shadows.iter().filter(|s| s.shadows != ShadowFilter::default());
+    let shadows = other_shadows.map(|s| (shadows_name(s.shadows).to_owned(), &s.frames));
     for (name, frames) in empty.chain(flat).chain(channels).chain(samples).chain(shadows) {
         let spread = &frames.frame_ms_spread;
         let cells = [

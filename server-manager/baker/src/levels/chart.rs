@@ -9,23 +9,25 @@ use super::triangle_set::SurfacePoint;
 use super::width;
 
 /// Returns for each point the width of its chart, in units of the primitive's space: 0 for one
-/// without a triangle. Triangles are of one chart if they have a point with the
-/// same place in space and on the textures, and the same colour.
-pub(super) fn widths(points: &[SurfacePoint], indices: &[u32]) -> Vec<f64> {
+/// without a triangle. Triangles are of one chart if they are of one surface and have a point with
+/// the same place in space and on the textures, and the same colour.
+pub(super) fn widths(
+    points: &[SurfacePoint],
+    surface_of: impl Fn(u32) -> u32,
+    indices: &[u32],
+) -> Vec<f64> {
     let mut first_at = HashMap::new();
-    let bits = |point: &SurfacePoint| {
+    let bits = |at: u32, point: &SurfacePoint| {
         let looks = point.looks.map(|look| look.to_array().map(f64::to_bits));
-        (point.position.to_array().map(f64::to_bits), looks)
+        (surface_of(at), point.position.to_array().map(f64::to_bits), looks)
     };
     // Each point's way to the one that stands for its chart.
-    let mut parents: Vec<u32> =
-        (0..).zip(points).map(|(at, point)| *first_at.entry(bits(point)).or_insert(at)).collect();
-    for [a, b, c] in indices.as_chunks::<3>().0 {
-        let charts = [*a, *b, *c].map(|corner| root(&mut parents, corner));
-        let least = charts.into_iter().fold(u32::MAX, u32::min);
-        for chart in charts {
-            parents[chart as usize] = least;
-        }
+    let mut parents: Vec<u32> = (0..)
+        .zip(points)
+        .map(|(at, point)| *first_at.entry(bits(at, point)).or_insert(at))
+        .collect();
+    for corners in indices.as_chunks::<3>().0 {
+        join(&mut parents, *corners);
     }
     let mut charts: Vec<Vec<DVec3>> = vec![Vec::new(); points.len()];
     for &index in indices {
@@ -61,11 +63,7 @@ impl UvBoxes {
             });
         }
         for corners in triangles.as_chunks::<3>().0 {
-            let charts = corners.map(|corner| root(&mut parents, numbers[&corner]));
-            let least = charts.into_iter().fold(u32::MAX, u32::min);
-            for chart in charts {
-                parents[chart as usize] = least;
-            }
+            join(&mut parents, corners.map(|corner| numbers[&corner]));
         }
         let empty = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         let mut boxes = vec![[empty; 2]; parents.len()];
@@ -99,6 +97,15 @@ pub(super) fn root(parents: &mut [u32], mut point: u32) -> u32 {
     point
 }
 
+/// Connects the corners of a triangle.
+pub(super) fn join(parents: &mut [u32], corners: [u32; 3]) {
+    let roots = corners.map(|corner| root(parents, corner));
+    let least = roots.into_iter().fold(u32::MAX, u32::min);
+    for root in roots {
+        parents[root as usize] = least;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -115,7 +122,7 @@ mod tests {
         let points = points.map(|at| point(at, at[0]));
         let beyond = [[4.0, 0.0], [5.0, 0.5], [6.5, 0.0]].map(|at| point(at, at[0] + 9.0));
         let all: Vec<SurfacePoint> = points.into_iter().chain(beyond).collect();
-        let widths = widths(&all, &[0, 1, 2, 3, 4, 5, 6, 7, 8]);
+        let widths = widths(&all, |_| 0, &[0, 1, 2, 3, 4, 5, 6, 7, 8]);
         assert_eq!(widths, [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5]);
     }
 }

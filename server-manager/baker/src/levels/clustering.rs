@@ -14,7 +14,8 @@ use glam::{DVec2, DVec3};
 use super::appearance::uv_length;
 use super::chart;
 use super::contraction::contract;
-use super::patch::{Patch, Simplified};
+use super::patch::Patch;
+use super::simplified::Simplified;
 use super::source::Source;
 
 /// Fewer parts than this are not many.
@@ -140,15 +141,9 @@ pub(super) fn is_scattered(source: &Source<'_>, triangles: &[u32]) -> bool {
     names.sort_unstable();
     names.dedup();
     let mut parents: Vec<u32> = (0..names.len() as u32).collect();
+    let number = |name: u32| names.partition_point(|known| *known < name) as u32;
     for corners in corners.as_chunks::<3>().0 {
-        let parts = corners.map(|name| {
-            let at = names.partition_point(|known| *known < name) as u32;
-            chart::root(&mut parents, at)
-        });
-        let least = parts.into_iter().fold(u32::MAX, u32::min);
-        for part in parts {
-            parents[part as usize] = least;
-        }
+        chart::join(&mut parents, corners.map(number));
     }
     let parts = (0..).zip(&parents).filter(|(at, parent): &(u32, _)| at == *parent).count();
     parts >= PARTS_MIN && triangles.len() / 3 <= parts * PART_TRIANGLES

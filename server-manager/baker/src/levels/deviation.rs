@@ -13,6 +13,8 @@
 //!
 //! Returned bounds are proven up to the rounding of f64, which the caller adds.
 
+use std::collections::HashMap;
+
 use glam::DVec3;
 
 use super::convex_polygon::ConvexPolygon;
@@ -43,19 +45,19 @@ pub(super) fn measure(
     deviation: &mut Deviation,
     points: &[DVec3],
     triangles: &[[u32; 3]],
-    nearest: &[Nearest],
+    nearest: &HashMap<u32, Nearest>,
     to: &TriangleSet,
     negligible: f64,
 ) {
     let corners = triangles.iter().flatten();
-    let farthest = corners.map(|point| nearest[*point as usize].distance).fold(0.0, f64::max);
+    let farthest = corners.map(|point| nearest[point].distance).fold(0.0, f64::max);
     deviation.lower = deviation.lower.max(farthest);
     let budget = PARTS_MIN + PARTS_MAX * triangles.len();
     let mut search = Search { deviation, to, negligible, budget, work: Vec::new() };
     let mut outside = Vec::new();
     for triangle in triangles {
         let corners = triangle.map(|point| points[point as usize]);
-        let candidates = triangle.map(|point| nearest[point as usize].triangle);
+        let candidates = triangle.map(|point| nearest[&point].triangle);
         if !candidates.iter().any(|candidate| search.accept(&corners, *candidate)) {
             search.work.push((ConvexPolygon::from_triangle(&corners), candidates[0]));
             search.divide_all(&mut outside);

@@ -9,7 +9,8 @@ use rayon::prelude::*;
 
 use super::clustering;
 use super::enclosing_sphere::{around_points, around_spheres, round_up};
-use super::patch::{Patch, Simplified, by_surface};
+use super::patch::{Patch, by_surface};
+use super::simplified::{Simplified, best, error_worth_measuring};
 use super::source::{Source, adapter};
 use super::surface::Surface;
 use crate::check;
@@ -39,9 +40,6 @@ const GROUP_MESHLETS: usize = 16;
 
 /// Triangles of a finest level that all coarser ones are measured against.
 const SMALL_TRIANGLES: usize = 4096;
-
-/// Errors that differ by less than this factor are nearly alike.
-const ALIKE: f64 = 1.3;
 
 /// Groups that a meshlet may be in which could not be simplified, before it is coarsest.
 const TRIES: u8 = 2;
@@ -161,18 +159,18 @@ impl Builder<'_, '_> {
                 borders.contains(&at) || self.kept[at as usize] || self.locked[at as usize]
             };
             let patch = Patch::new(self.source, &triangles, measured);
-            let parts = finest.as_ref().and_then(|_| patch.simplify_parts(is_locked, prior));
-            let errors = (prior, worth_measuring(parts.as_ref()));
-            let simplified = patch.simplify(is_locked, errors);
+            let mut found = finest.as_ref().and_then(|_| patch.simplify_parts(is_locked, prior));
+            let errors = (prior, error_worth_measuring(found.as_ref()));
+            found = best(patch.simplify(is_locked, errors), found);
             // What is replaced as a whole has no border where cracks could come.
             let is_whole = finest.is_some() && self.source.surfaces().len() > 1;
-            let is_of_parts = is_whole || clustering::is_scattered(self.source, &triangles);
-            let lists = (&triangles[..], &measured[..]);
-            let clustered = is_of_parts
-                .then(|| clustering::simplify(self.source, lists, is_locked, errors))
-                .flatten();
-            let simplified = [clustered, parts].into_iter().fold(simplified, best);
-            let replacement = simplified.and_then(|simplified| {
+            if is_whole || clustering::is_scattered(self.source, &triangles) {
+                let lists = (&triangles[..], &measured[..]);
+                let errors = (prior, error_worth_measuring(found.as_ref()));
+                let clustered = clustering::simplify(self.source, lists, is_locked, errors);
+                found = best(found, clustered);
+            }
+            let replacement = found.and_then(|simplified| {
                 let steps = if finest.is_some() { 0.0 } else { prior };
                 let error = (steps + simplified.error).max(prior);
                 Replacement::new(group, simplified, error)
@@ -283,17 +281,25 @@ impl Builder<'_, '_> {
     /// can be measured against it: the sum of steps is up to four times as much.
     fn small_finest(&self) -> Option<Vec<u32>> {
         let surfaces = self.source.surfaces();
+        let all = (0..surfaces.len()).flat_map(|number| self.source.triangles_of(number));
+        self.is_small().then(|| all.collect())
+    }
+
+    /// Returns whether all of the surface is open, and of few triangles.
+    fn is_small(&self) -> bool {
+        let surfaces = self.source.surfaces();
         let indices: usize = surfaces.iter().map(|surface| surface.indices.len()).sum();
         let is_fixed = |at: &Surface<'_>| at.keeps_order && !self.source.keeps_order();
         let is_small = indices <= SMALL_TRIANGLES * 3 && !surfaces.iter().any(is_fixed);
-        let all = (0..surfaces.len()).flat_map(|number| self.source.triangles_of(number));
-        (is_small && !self.kept.contains(&true)).then(|| all.collect())
+        is_small && !self.kept.contains(&true)
     }
 
     /// Returns whether parts of the surface have levels of their own. What is drawn in order is
-    /// replaced as a whole.
+    /// replaced as a whole, and so are several surfaces of few triangles, of which parts are left
+    /// out.
     fn is_divided(&self, open: &[Cluster]) -> bool {
-        open.len() > GROUP_MESHLETS && !self.source.keeps_order()
+        let is_whole = self.source.surfaces().len() > 1 && self.is_small();
+        open.len() > GROUP_MESHLETS && !self.source.keeps_order() && !is_whole
     }
 
     /// Returns the positions that several groups have, named by the first vertex there.
@@ -312,24 +318,6 @@ impl Builder<'_, '_> {
         }
         borders
     }
-}
-
-/// Returns the better one of two ways to simplify: that of the smaller error, or of fewer triangles
-/// where errors are nearly alike.
-pub(super) fn best(one: Option<Simplified>, two: Option<Simplified>) -> Option<Simplified> {
-    let (one, two) = match (one, two) {
-        (Some(one), Some(two)) => (one, two),
-        (one, two) => return one.or(two),
-    };
-    let is_alike = one.error.max(two.error) <= one.error.min(two.error) * ALIKE;
-    let is_first =
-        if is_alike { one.indices.len() <= two.indices.len() } else { one.error < two.error };
-    Some(if is_first { one } else { two })
-}
-
-/// Returns the error beyond which [`best`] prefers what was found to any other way.
-pub(super) fn worth_measuring(found: Option<&Simplified>) -> f64 {
-    found.map_or(f64::INFINITY, |found| found.error * ALIKE)
 }
 
 /// The triangles that replace a group.

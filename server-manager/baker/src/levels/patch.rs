@@ -9,9 +9,9 @@ use glam::DVec3;
 use meshopt::{SimplifyOptions, SimplifyVertex};
 
 use super::appearance::{Change, VertexList};
-use super::chart::{self, root};
-use super::clustering::MovedVertex;
+use super::chart;
 use super::deviation::{self, Deviation};
+use super::simplified::Simplified;
 use super::source::{Source, adapter};
 use super::triangle_set::{Nearest, TriangleSet};
 use super::width;
@@ -59,19 +59,26 @@ pub(super) struct Patch<'a> {
     places: Vec<u32>,
     looks: VertexList,
     /// Made of `indices` when it is first asked for.
-    finest: OnceCell<BTreeMap<u32, FinestSurface>>,
+    reference: OnceCell<Reference>,
 }
 
-/// A surface before it is simplified.
+/// What changes are measured against.
 #[derive(Debug)]
-struct FinestSurface {
+struct Reference {
+    surfaces: BTreeMap<u32, ReferenceSurface>,
+    /// The width of each vertex's chart, see [`chart::widths`].
+    charts: Vec<f64>,
+    /// The vertex that stands for each vertex's connected part.
+    parts: Vec<u32>,
+}
+
+#[derive(Debug)]
+struct ReferenceSurface {
     /// Three vertices of the patch for each triangle.
     indices: Vec<u32>,
     /// By their positions.
     triangles: Vec<[u32; 3]>,
     set: TriangleSet,
-    /// The width of each vertex's chart, see [`chart::widths`].
-    charts: Vec<f64>,
 }
 
 /// Triangles that meet at a position.
@@ -96,38 +103,6 @@ impl Neighbors {
     }
 }
 
-/// A patch with fewer triangles.
-#[derive(Debug)]
-pub(super) struct Simplified {
-    /// Three for each triangle, as the piece numbers vertices, and behind them those of `added`.
-    pub indices: Vec<u32>,
-    /// Vertices that the piece has not.
-    pub added: Vec<MovedVertex>,
-    /// An upper bound of the distance between each surface before and after, in both directions.
-    /// Connected parts of a surface that are removed as a whole, as windows in a wall, count by
-    /// their distance to what is left of all surfaces, and by their width, which is how far their
-    /// outline moves. Or how far a texture slides, if that is more. Above 0, in units of the
-    /// primitive's space.
-    pub error: f64,
-    /// The largest angle by which the normal at a removed vertex differs, in radians.
-    pub normal_angle: f64,
-}
-
-impl Simplified {
-    /// Numbers its vertices as these are: those of a list, and from `first_added` on those that it
-    /// adds.
-    pub fn give_numbers(&mut self, vertices: &[u32], first_added: u32) {
-        let number = |at: u32| {
-            let beyond = first_added + at.saturating_sub(vertices.len() as u32);
-            vertices.get(at as usize).copied().unwrap_or(beyond)
-        };
-        self.indices.iter_mut().for_each(|index| *index = number(*index));
-        for vertex in &mut self.added {
-            (vertex.from, vertex.at) = (number(vertex.from), number(vertex.at));
-        }
-    }
-}
-
 impl<'a> Patch<'a> {
     /// The patch of these triangles, which are simplified. What that changes is measured against
     /// others.
@@ -145,8 +120,8 @@ impl<'a> Patch<'a> {
         let welded = (0..).zip(&vertices).map(weld).collect();
         let looks = VertexList::new(source, &vertices, &indices);
         let places = Vec::clone(&welded);
-        let finest = OnceCell::new();
-        Self { source, vertices, indices, current, welded, places, looks, finest }
+        let reference = OnceCell::new();
+        Self { source, vertices, indices, current, welded, places, looks, reference }
     }
 
     /// The patch whose vertices have moved to these positions, those of other vertices, before.
@@ -180,8 +155,7 @@ impl<'a> Patch<'a> {
         is_locked: impl Fn(u32) -> bool,
         (prior, limit): (f64, f64),
     ) -> Option<Simplified> {
-        let is_worth = |after: &[u32]| self.is_worth(after);
-        let after = self.fewer(&self.current, is_locked, (self.wanted(), None), is_worth)?;
+        let after = self.fewer(&self.current, is_locked, (self.wanted(), None))?;
         self.measured(&after, (prior, limit))
     }
 
@@ -192,17 +166,16 @@ impl<'a> Patch<'a> {
         (triangles as f64 * ratio) as usize
     }
 
-    /// Returns at least this number of the triangles `whole` of the patch, from what changes least
-    /// to what spares most: the first that are as wanted. The simplifier goes no further than
-    /// `error_max`, in units of the primitive's space, if there is one.
+    /// Returns at least `count` of these triangles of the patch, those whose loss changes least, if
+    /// that is worth it: with all seams of textures, or else without. The simplifier goes no
+    /// further than `error_max`, in units of the primitive's space, if there is one.
     fn fewer(
         &self,
-        whole: &[u32],
+        triangles: &[u32],
         is_locked: impl Fn(u32) -> bool,
-        (triangles, error_max): (usize, Option<f64>),
-        is_wanted: impl Fn(&[u32]) -> bool,
+        (count, error_max): (usize, Option<f64>),
     ) -> Option<Vec<u32>> {
-        let neighbors = self.neighbors(whole);
+        let neighbors = self.neighbors(triangles);
         let flags = |keeps_seams: bool| -> Vec<SimplifyVertex> {
             let vertices = self.vertices.iter().zip(&neighbors);
             vertices.map(|(vertex, of)| of.flags(is_locked(*vertex), keeps_seams)).collect()
@@ -211,13 +184,12 @@ impl<'a> Patch<'a> {
         tries.into_iter().find_map(|(keeps_seams, prune)| {
             let flags = flags(keeps_seams);
             let options = SimplifyOptions::Permissive | prune;
-            let after = self.simplified(whole, &flags, options, (triangles, error_max));
-            (is_wanted(&after) && self.fits(&after, &flags)).then_some(after)
+            let after = self.simplified(triangles, &flags, options, (count, error_max));
+            (self.is_worth(&after) && self.fits(&after, &flags)).then_some(after)
         })
     }
 
-    /// Returns fewer triangles of the patch with what they change, if the error is
-    /// within `limit`.
+    /// Returns fewer triangles of the patch with what they change, if the error is within `limit`.
     pub fn measured(&self, after: &[u32], (prior, limit): (f64, f64)) -> Option<Simplified> {
         let (error, normal_angle) = self.change(after, prior, limit)?;
         let indices = after.iter().map(|index| self.vertices[*index as usize]).collect();
@@ -256,10 +228,10 @@ impl<'a> Patch<'a> {
 
     fn simplified(
         &self,
-        whole: &[u32],
+        triangles: &[u32],
         flags: &[SimplifyVertex],
         options: SimplifyOptions,
-        (triangles, error_max): (usize, Option<f64>),
+        (count, error_max): (usize, Option<f64>),
     ) -> Vec<u32> {
         let scaled: Vec<[f32; 3]> =
             self.vertices.iter().map(|vertex| self.source.scaled[*vertex as usize]).collect();
@@ -268,13 +240,13 @@ impl<'a> Patch<'a> {
         // The simplifier's unit is the longest side of the patch.
         let error_max = error_max.map_or(f32::MAX, |error| (error / self.side()) as f32);
         meshopt::simplify_with_attributes_and_locks(
-            whole,
+            triangles,
             &positions,
             &attributes,
             &weights,
             size_of_val(weights.as_slice()),
             flags,
-            triangles.max(1) * 3,
+            count.max(1) * 3,
             error_max,
             options,
             None,
@@ -327,19 +299,22 @@ impl<'a> Patch<'a> {
         let mut after_of = by_surface(after, |index| self.surface_of(index));
         let (mut deviation, mut lost) = (Deviation::default(), 0.0_f64);
         let mut looks = Change::default();
-        for (surface, finest) in self.finest.get_or_init(|| self.finest(&points)) {
+        let reference = self.reference.get_or_init(|| self.reference(&points));
+        for (surface, before) in &reference.surfaces {
             let after = after_of.remove(surface).unwrap_or_default();
-            let Parts { kept, removed } = self.divide(&finest.indices, &after);
+            let Parts { kept, removed } = self.divide(&reference.parts, &before.indices, &after);
             let old = self.weld(&kept);
             let new = self.weld(&after);
             for part in &removed {
-                let part = self.weld(part);
-                let near = nearest_of_corners(&points, &part, &[], &all);
-                deviation::measure(&mut deviation, &points, &part, &near, &all, negligible);
-                lost = lost
-                    .max(width::of_points(part.iter().flatten().map(|at| points[*at as usize])));
+                lost = lost.max(width::of_points(part.iter().map(|at| points[*at as usize])));
             }
-            if deviation.lower.max(lost) > limit {
+            if lost > limit {
+                return None;
+            }
+            let gone = self.weld(&removed.concat());
+            let near = nearest_of_corners(&points, &gone, &[], &all);
+            deviation::measure(&mut deviation, &points, &gone, &near, &all, negligible);
+            if deviation.lower > limit {
                 return None;
             }
             if new.is_empty() {
@@ -349,15 +324,15 @@ impl<'a> Patch<'a> {
             let (gone, added) = (without(&old, &new), without(&new, &old));
             // Of vertices too that only their texture coordinates or normals tell from kept ones.
             let to_new = nearest_of_corners(&points, &old, &new, &new_set);
-            let to_old = nearest_of_corners(&points, &added, &finest.triangles, &finest.set);
+            let to_old = nearest_of_corners(&points, &added, &before.triangles, &before.set);
             if farthest(&gone, &to_new).max(farthest(&added, &to_old)) > limit {
                 return None;
             }
             deviation::measure(&mut deviation, &points, &gone, &to_new, &new_set, negligible);
-            deviation::measure(&mut deviation, &points, &added, &to_old, &finest.set, negligible);
-            let nearest = |index: u32| to_new[self.welded[index as usize] as usize];
+            deviation::measure(&mut deviation, &points, &added, &to_old, &before.set, negligible);
+            let nearest = |index: u32| to_new[&self.welded[index as usize]];
             let lists = (&kept[..], &after[..]);
-            let change = self.looks.change(lists, &finest.charts, &new_set, nearest);
+            let change = self.looks.change(lists, &reference.charts, &new_set, nearest);
             looks.slide = looks.slide.max(change.slide);
             looks.normal_angle = looks.normal_angle.max(change.normal_angle);
         }
@@ -368,16 +343,38 @@ impl<'a> Patch<'a> {
         (error <= limit).then_some((error, looks.normal_angle))
     }
 
-    /// What changes are measured against, by surface.
-    fn finest(&self, points: &[DVec3]) -> BTreeMap<u32, FinestSurface> {
-        let surfaces = by_surface(&self.indices, |index| self.surface_of(index));
+    /// What changes are measured against; `points` are its vertices' places.
+    fn reference(&self, points: &[DVec3]) -> Reference {
         let of_surface = |indices: Vec<u32>| {
             let triangles = self.weld(&indices);
             let set = TriangleSet::new(points, &triangles);
-            let charts = chart::widths(self.looks.points(), &indices);
-            FinestSurface { indices, triangles, set, charts }
+            ReferenceSurface { indices, triangles, set }
         };
-        surfaces.into_iter().map(|(surface, indices)| (surface, of_surface(indices))).collect()
+        let surfaces = by_surface(&self.indices, |index| self.surface_of(index));
+        Reference {
+            surfaces: surfaces.into_iter().map(|(at, own)| (at, of_surface(own))).collect(),
+            charts: chart::widths(
+                self.looks.points(),
+                |index| self.surface_of(index),
+                &self.indices,
+            ),
+            parts: self.connected(&self.indices),
+        }
+    }
+
+    /// Returns for each vertex the one that stands for its connected part: triangles of a surface
+    /// are connected where they share a position.
+    fn connected(&self, triangles: &[u32]) -> Vec<u32> {
+        let mut first_at = HashMap::new();
+        let mut name = |at: u32| {
+            let key = (self.surface_of(at), self.welded[at as usize]);
+            *first_at.entry(key).or_insert(at)
+        };
+        let mut parents: Vec<u32> = (0..self.vertices.len() as u32).map(&mut name).collect();
+        for corners in triangles.as_chunks::<3>().0 {
+            chart::join(&mut parents, *corners);
+        }
+        (0..self.vertices.len() as u32).map(|at| chart::root(&mut parents, at)).collect()
     }
 
     /// The triangles of a list by their positions.
@@ -388,30 +385,19 @@ impl<'a> Patch<'a> {
 
     /// Divides the triangles of a surface into those of connected parts of which something is
     /// kept, and the parts of which nothing is. A patch of one surface has no such parts: what is
-    /// removed there is as far from what is kept as it is.
-    fn divide(&self, before: &[u32], after: &[u32]) -> Parts {
+    /// removed there is as far from what is kept as it is. `part_of` is the part of each vertex.
+    fn divide(&self, part_of: &[u32], before: &[u32], after: &[u32]) -> Parts {
         if self.source.surfaces().len() == 1 {
             return Parts { kept: before.to_vec(), removed: Vec::new() };
         }
-        let mut part_of: Vec<u32> = (0..self.vertices.len() as u32).collect();
-        for corners in self.weld(before) {
-            let [a, b, c] = corners.map(|corner| root(&mut part_of, corner));
-            let least = a.min(b).min(c);
-            for part in [a, b, c] {
-                part_of[part as usize] = least;
-            }
-        }
-        let mut kept = HashSet::new();
+        let after_at: HashSet<u32> = self.weld(after).into_iter().flatten().collect();
+        let is_there = |at: &&u32| after_at.contains(&self.places[**at as usize]);
+        let kept: HashSet<u32> =
+            before.iter().filter(is_there).map(|at| part_of[*at as usize]).collect();
         let mut parts = Parts::default();
         let mut removed: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-        let after_at: HashSet<u32> = self.weld(after).into_iter().flatten().collect();
-        for &index in before {
-            if after_at.contains(&self.places[index as usize]) {
-                kept.insert(root(&mut part_of, self.welded[index as usize]));
-            }
-        }
         for corners in before.as_chunks::<3>().0 {
-            let part = root(&mut part_of, self.welded[corners[0] as usize]);
+            let part = part_of[corners[0] as usize];
             let list = if kept.contains(&part) {
                 &mut parts.kept
             } else {
@@ -459,32 +445,30 @@ fn without(triangles: &[[u32; 3]], others: &[[u32; 3]]) -> Vec<[u32; 3]> {
 }
 
 /// The largest distance of a corner of triangles.
-fn farthest(triangles: &[[u32; 3]], nearest: &[Nearest]) -> f64 {
-    let corners = triangles.iter().flatten();
-    corners.map(|point| nearest[*point as usize].distance).fold(0.0, f64::max)
+fn farthest(triangles: &[[u32; 3]], nearest: &HashMap<u32, Nearest>) -> f64 {
+    triangles.iter().flatten().map(|point| nearest[point].distance).fold(0.0, f64::max)
 }
 
-/// Gives for each point that `triangles` name which triangle of `to` is nearest to it. `surface`
-/// has the corners of the triangles of `to`, and 0 is the distance of these.
+/// Gives for each point that `triangles` or `surface` name which triangle of `to` is nearest to it.
+/// `surface` has the corners of the triangles of `to`, and 0 is the distance of these.
 fn nearest_of_corners(
     points: &[DVec3],
     triangles: &[[u32; 3]],
     surface: &[[u32; 3]],
     to: &TriangleSet,
-) -> Vec<Nearest> {
-    let mut nearest = vec![None; points.len()];
+) -> HashMap<u32, Nearest> {
+    let mut nearest = HashMap::new();
     for (triangle, corners) in (0..).zip(surface) {
         for corner in corners {
-            nearest[*corner as usize] = Some(Nearest { triangle, distance: 0.0 });
+            nearest.insert(*corner, Nearest { triangle, distance: 0.0 });
         }
     }
     // Neighbours in the list are neighbours in space.
     let mut guess = 0;
     for &corner in triangles.iter().flatten() {
-        let near = nearest[corner as usize]
-            .get_or_insert_with(|| to.nearest(points[corner as usize], guess));
+        let near =
+            nearest.entry(corner).or_insert_with(|| to.nearest(points[corner as usize], guess));
         guess = near.triangle;
     }
-    let unused = Nearest { triangle: 0, distance: 0.0 };
-    nearest.into_iter().map(|near| near.unwrap_or(unused)).collect()
+    nearest
 }

@@ -1,15 +1,17 @@
 //! The width of a set of points: how far its outline moves where it is left out.
 
-use glam::DVec3;
+use std::collections::HashSet;
+
+use glam::{DVec2, DVec3};
 
 /// Points of which the direction to another one is tried as an axis, at most.
-const AXES_MAX: usize = 32;
+const AXES_MAX: usize = 64;
 
 /// Points up to which other axes are tried than the longest one.
 const POINTS_MAX: usize = 512;
 
-/// Returns the diameter of an endless cylinder that holds all points: for a box that of its
-/// smallest side, for a strip its width, and never above √2 times the largest distance between two
+/// Returns the diameter of an endless cylinder that holds all points: for a box the diagonal of its
+/// smallest face, for a strip its width, and never above √2 times the largest distance between two
 /// points. A part that shrinks to the cylinder's axis moves by half of it. 0 without points.
 ///
 /// The axis has the direction between two points that are found by going from one to the farthest,
@@ -17,7 +19,9 @@ const POINTS_MAX: usize = 512;
 /// edge of a box, where that makes the cylinder thinner. It runs through the middle of the points
 /// across it.
 pub(super) fn of_points(points: impl Iterator<Item = DVec3>) -> f64 {
-    let points: Vec<DVec3> = points.collect();
+    let mut known = HashSet::new();
+    let points: Vec<DVec3> =
+        points.filter(|point| known.insert(point.to_array().map(f64::to_bits))).collect();
     let Some(first) = points.first() else { return 0.0 };
     let farthest = |from: DVec3| {
         let by_distance = |one: &DVec3, two: &DVec3| {
@@ -30,30 +34,30 @@ pub(super) fn of_points(points: impl Iterator<Item = DVec3>) -> f64 {
     if points.len() > POINTS_MAX {
         return longest;
     }
-    let mut tried: Vec<DVec3> = Vec::with_capacity(AXES_MAX);
-    for point in &points {
-        if tried.len() < AXES_MAX && *point != one && !tried.contains(point) {
-            tried.push(*point);
-        }
-    }
-    let others = tried.iter().filter_map(|point| across(&points, one, *point - one));
+    let others = points.iter().take(AXES_MAX);
+    let others = others.filter_map(|point| across(&points, one, *point - one));
     others.fold(longest, f64::min)
 }
 
-/// The diagonal of the box around all points, across a direction; `None` if that has no length.
+/// The diameter of a cylinder in this direction that holds all points; `None` if the direction has
+/// no length.
 fn across(points: &[DVec3], origin: DVec3, direction: DVec3) -> Option<f64> {
     let axis = direction.try_normalize()?;
     let (right, up) = axis.any_orthonormal_pair();
-    let empty = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    let (low, high) = points.iter().fold(empty, |(low, high), point| {
-        let across = [(*point - origin).dot(right), (*point - origin).dot(up)];
-        ([0, 1].map(|at| low[at].min(across[at])), [0, 1].map(|at| high[at].max(across[at])))
+    let places = points.iter().map(|point| {
+        let way = *point - origin;
+        DVec2::new(way.dot(right), way.dot(up))
     });
-    Some((high[0] - low[0]).hypot(high[1] - low[1]))
+    let empty = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    let (low, high) = places.clone().fold(empty, |(low, high), at| (low.min(at), high.max(at)));
+    let middle = low.midpoint(high);
+    Some(2.0 * places.map(|at| at.distance(middle)).fold(0.0, f64::max))
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::{DQuat, EulerRot};
+
     use super::*;
 
     #[test]
@@ -68,6 +72,9 @@ mod tests {
         assert!((width - 0.5).abs() < 1e-9, "{width}");
         let strip = bar.iter().map(|at| DVec3::new(at.x, at.y, 0.0));
         assert!((of_points(strip) - 0.3).abs() < 1e-9, "a strip is as wide as its shorter side");
+        let turn = DQuat::from_euler(EulerRot::XYZ, 0.3, 0.7, 1.1);
+        let turned = of_points(bar.iter().map(|at| turn * *at));
+        assert!((turned - 0.5).abs() < 1e-9, "{turned}, however it is turned");
         assert_eq!(of_points([DVec3::ONE; 3].into_iter()), 0.0);
         assert_eq!(of_points(std::iter::empty()), 0.0);
     }

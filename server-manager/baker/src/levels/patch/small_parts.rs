@@ -8,9 +8,8 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::{NEGLIGIBLE, Patch, Simplified};
-use crate::levels::chart::root;
-use crate::levels::hierarchy::{best, worth_measuring};
+use super::{NEGLIGIBLE, Patch};
+use crate::levels::simplified::{Simplified, best, error_worth_measuring};
 use crate::levels::triangle_set::TriangleSet;
 use crate::levels::width;
 
@@ -31,8 +30,8 @@ struct Part {
 impl Patch<'_> {
     /// Returns the patch with fewer triangles for the least error that spares enough of them, of
     /// errors that are steps apart: without parts that are no wider and no farther from a larger
-    /// part, and then with fewer edges. `None` if nothing is worth it. Arguments are those of
-    /// [`Patch::simplify`].
+    /// part, and then with fewer edges. `None` if nothing is worth it. `is_locked` says of a vertex
+    /// whether it must stay, and `prior` is the error that the patch's triangles have already.
     pub fn simplify_parts(
         &self,
         is_locked: impl Fn(u32) -> bool,
@@ -47,7 +46,8 @@ impl Patch<'_> {
         let (mut from, mut to) = (0, end);
         while from < to {
             let middle = from.midpoint(to);
-            if self.without_parts_and_edges(&is_locked, &parts, error(middle)).is_empty() {
+            let mut ways = self.ways(&is_locked, &parts, error(middle));
+            if ways.next().is_none() {
                 from = middle + 1;
             } else {
                 to = middle;
@@ -58,9 +58,9 @@ impl Patch<'_> {
             if found.as_ref().is_some_and(|found| found.error <= error(step)) {
                 break;
             }
-            for tried in self.without_parts_and_edges(&is_locked, &parts, error(step)) {
-                let limit = worth_measuring(found.as_ref());
-                found = best(found, self.measured(&tried, (prior, limit)));
+            for way in self.ways(&is_locked, &parts, error(step)) {
+                let limit = error_worth_measuring(found.as_ref());
+                found = best(found, self.measured(&way, (prior, limit)));
             }
         }
         found
@@ -68,25 +68,26 @@ impl Patch<'_> {
 
     /// Returns the triangles that are left where parts of such a width are left out, and those
     /// that are left where edges may move by as much then; each list only if it is worth it.
-    fn without_parts_and_edges(
+    fn ways(
         &self,
         is_locked: impl Fn(u32) -> bool,
         parts: &[Part],
         error: f64,
-    ) -> Vec<Vec<u32>> {
+    ) -> impl Iterator<Item = Vec<u32>> {
         let stays = self.without_parts(parts, error);
-        let is_worth = |after: &[u32]| self.is_worth(after);
-        let fewer = self.fewer(&stays, is_locked, (0, Some(error)), is_worth);
-        let stays = Some(stays).filter(|stays| is_worth(stays));
-        stays.into_iter().chain(fewer).collect()
+        let without = Some(stays.clone()).filter(|stays| self.is_worth(stays));
+        let fewer = move || self.fewer(&stays, is_locked, (0, Some(error)));
+        without.into_iter().chain(std::iter::once_with(fewer).flatten())
     }
 
     /// Returns the triangles without parts up to a width that are no farther than that from what
-    /// is wider.
+    /// is wider; the widest part always stays.
     fn without_parts(&self, parts: &[Part], width: f64) -> Vec<u32> {
-        let (small, large) = parts.split_at(parts.partition_point(|of| of.width <= width));
+        let widest = parts.last().map_or(0.0, |part| part.width);
+        let is_small = |part: &Part| part.width <= width && part.width < widest;
+        let (small, large) = parts.split_at(parts.partition_point(is_small));
         // A patch of one surface is measured as a whole: nothing may be left out of it.
-        if small.is_empty() || large.is_empty() || self.source.surfaces().len() == 1 {
+        if small.is_empty() || self.source.surfaces().len() == 1 {
             return self.current.clone();
         }
         let points: Vec<DVec3> = self.looks.points().iter().map(|point| point.position).collect();
@@ -107,30 +108,20 @@ impl Patch<'_> {
         stays
     }
 
-    /// The connected parts of each surface, the smallest first.
+    /// The connected parts of all surfaces, the narrowest first, and those that must stay last.
     fn parts(&self, is_locked: impl Fn(u32) -> bool) -> Vec<Part> {
-        let mut parts = Vec::new();
-        for of_surface in super::by_surface(&self.current, |at| self.surface_of(at)).values() {
-            let mut part_of: Vec<u32> = (0..self.vertices.len() as u32).collect();
-            for corners in self.weld(of_surface) {
-                let [a, b, c] = corners.map(|corner| root(&mut part_of, corner));
-                let least = a.min(b).min(c);
-                for part in [a, b, c] {
-                    part_of[part as usize] = least;
-                }
-            }
-            let mut found: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-            for corners in of_surface.as_chunks::<3>().0 {
-                let part = root(&mut part_of, self.welded[corners[0] as usize]);
-                found.entry(part).or_default().extend(corners);
-            }
-            parts.extend(found.into_values().map(|indices| {
-                let stays = indices.iter().any(|at| is_locked(self.vertices[*at as usize]));
-                let points = indices.iter().map(|at| self.looks.points()[*at as usize].position);
-                let width = if stays { f64::INFINITY } else { width::of_points(points) };
-                Part { indices, width }
-            }));
+        let part_of = self.connected(&self.current);
+        let mut found: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        for corners in self.current.as_chunks::<3>().0 {
+            found.entry(part_of[corners[0] as usize]).or_default().extend(corners);
         }
+        let part = |indices: Vec<u32>| {
+            let stays = indices.iter().any(|at| is_locked(self.vertices[*at as usize]));
+            let points = indices.iter().map(|at| self.looks.points()[*at as usize].position);
+            let width = if stays { f64::INFINITY } else { width::of_points(points) };
+            Part { indices, width }
+        };
+        let mut parts: Vec<Part> = found.into_values().map(part).collect();
         parts.sort_by(|one, two| one.width.total_cmp(&two.width));
         parts
     }

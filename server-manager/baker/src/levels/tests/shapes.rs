@@ -69,7 +69,7 @@ impl Shape {
         self
     }
 
-    fn all(self, cells: [u32; 2], position: impl Fn(f64, f64) -> DVec3) -> Self {
+    pub(super) fn all(self, cells: [u32; 2], position: impl Fn(f64, f64) -> DVec3) -> Self {
         self.sheet(cells, position, |_, _| true)
     }
 
