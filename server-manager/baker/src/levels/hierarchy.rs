@@ -162,8 +162,9 @@ impl Builder<'_, '_> {
             let mut found = finest.as_ref().and_then(|_| patch.simplify_parts(is_locked, prior));
             let errors = (prior, error_worth_measuring(found.as_ref()));
             found = best(patch.simplify(is_locked, errors), found);
-            // What is replaced as a whole has no border where cracks could come.
-            let is_whole = finest.is_some() && self.source.surfaces().len() > 1;
+            // What is replaced as a whole and meets no other mesh has no border for cracks.
+            let is_alone = finest.is_some() && !self.locked.contains(&true);
+            let is_whole = is_alone && self.source.surfaces().len() > 1;
             if is_whole || clustering::is_scattered(self.source, &triangles) {
                 let lists = (&triangles[..], &measured[..]);
                 let errors = (prior, error_worth_measuring(found.as_ref()));
