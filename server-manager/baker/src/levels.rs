@@ -25,6 +25,7 @@ mod convex_polygon;
 mod deviation;
 mod enclosing_sphere;
 mod hierarchy;
+mod part_group;
 mod patch;
 mod simplified;
 mod source;

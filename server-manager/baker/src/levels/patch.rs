@@ -11,10 +11,10 @@ use meshopt::{SimplifyOptions, SimplifyVertex};
 use super::appearance::{Change, VertexList};
 use super::chart;
 use super::deviation::{self, Deviation};
+use super::part_group::{self, PartPoints};
 use super::simplified::Simplified;
 use super::source::{Source, adapter};
 use super::triangle_set::{Nearest, TriangleSet};
-use super::width;
 
 /// The number of triangles of a coarser level as a share of the finer one's.
 const RATIO: f64 = 0.5;
@@ -297,20 +297,20 @@ impl<'a> Patch<'a> {
         let points: Vec<DVec3> = self.looks.points().iter().map(|point| point.position).collect();
         let all = TriangleSet::new(&points, &self.weld(after));
         let mut after_of = by_surface(after, |index| self.surface_of(index));
-        let (mut deviation, mut lost) = (Deviation::default(), 0.0_f64);
-        let mut looks = Change::default();
+        let (mut deviation, mut looks) = (Deviation::default(), Change::default());
         let reference = self.reference.get_or_init(|| self.reference(&points));
-        for (surface, before) in &reference.surfaces {
-            let after = after_of.remove(surface).unwrap_or_default();
-            let Parts { kept, removed } = self.divide(&reference.parts, &before.indices, &after);
+        let divided = reference.surfaces.iter().map(|(at, before)| {
+            let after = after_of.remove(at).unwrap_or_default();
+            (before, self.divide(&reference.parts, &before.indices, &after), after)
+        });
+        let divided: Vec<(&ReferenceSurface, Parts, Vec<u32>)> = divided.collect();
+        let lost = width_of_removed(&points, divided.iter().map(|(_, parts, _)| parts));
+        if lost > limit {
+            return None;
+        }
+        for (before, Parts { kept, removed }, after) in divided {
             let old = self.weld(&kept);
             let new = self.weld(&after);
-            for part in &removed {
-                lost = lost.max(width::of_points(part.iter().map(|at| points[*at as usize])));
-            }
-            if lost > limit {
-                return None;
-            }
             let gone = self.weld(&removed.concat());
             let near = nearest_of_corners(&points, &gone, &[], &all);
             deviation::measure(&mut deviation, &points, &gone, &near, &all, negligible);
@@ -419,6 +419,15 @@ impl<'a> Patch<'a> {
 struct Parts {
     kept: Vec<u32>,
     removed: Vec<Vec<u32>>,
+}
+
+/// The largest width of removed parts, those side by side taken together.
+fn width_of_removed<'p>(points: &[DVec3], parts: impl Iterator<Item = &'p Parts>) -> f64 {
+    let place = |at: &u32| points[*at as usize];
+    let of_part = |part: &Vec<u32>| PartPoints::new(part.iter().map(place).collect());
+    let removed: Vec<PartPoints> = parts.flat_map(|of| &of.removed).map(of_part).collect();
+    let groups = part_group::groups(&removed.iter().collect::<Vec<_>>());
+    groups.iter().map(|group| group.width).fold(0.0, f64::max)
 }
 
 /// Divides a list of triangles by the surfaces of their vertices.

@@ -15,8 +15,8 @@ pub(super) struct Simplified {
     /// An upper bound of the distance between each surface before and after, in both directions.
     /// Connected parts of a surface that are removed as a whole, as windows in a wall, count by
     /// their distance to what is left of all surfaces, and by their width, which is how far their
-    /// outline moves. Or how far a texture slides, if that is more. Above 0, in units of the
-    /// primitive's space.
+    /// outline moves; those side by side by the width of all together. Or how far a texture
+    /// slides, if that is more. Above 0, in units of the primitive's space.
     pub error: f64,
     /// The largest angle by which the normal at a removed vertex differs, in radians.
     pub normal_angle: f64,

@@ -9,9 +9,9 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::{NEGLIGIBLE, Patch};
+use crate::levels::part_group::{self, PartPoints};
 use crate::levels::simplified::{Simplified, best, error_worth_measuring};
 use crate::levels::triangle_set::TriangleSet;
-use crate::levels::width;
 
 /// The step by which the error grows until enough triangles are spared.
 const STEP: f64 = 1.4;
@@ -23,8 +23,16 @@ const STEPS: i32 = 4;
 struct Part {
     /// Three vertices of the patch for each triangle.
     indices: Vec<u32>,
-    /// See [`width::of_points`]; infinite if the part must stay.
-    width: f64,
+    points: PartPoints,
+    /// Locked vertices keep it.
+    must_stay: bool,
+}
+
+impl Part {
+    /// See [`crate::levels::width::of_points`]; infinite if the part must stay.
+    fn width(&self) -> f64 {
+        if self.must_stay { f64::INFINITY } else { self.points.width }
+    }
 }
 
 impl Patch<'_> {
@@ -81,10 +89,10 @@ impl Patch<'_> {
     }
 
     /// Returns the triangles without parts up to a width that are no farther than that from what
-    /// is wider; the widest part always stays.
+    /// is wider; the widest part always stays. Parts side by side count together.
     fn without_parts(&self, parts: &[Part], width: f64) -> Vec<u32> {
-        let widest = parts.last().map_or(0.0, |part| part.width);
-        let is_small = |part: &Part| part.width <= width && part.width < widest;
+        let widest = parts.last().map_or(0.0, Part::width);
+        let is_small = |part: &Part| part.width() <= width && part.width() < widest;
         let (small, large) = parts.split_at(parts.partition_point(is_small));
         // A patch of one surface is measured as a whole: nothing may be left out of it.
         if small.is_empty() || self.source.surfaces().len() == 1 {
@@ -95,16 +103,17 @@ impl Patch<'_> {
         let set = TriangleSet::new(&points, &self.weld(&stays));
         // Neighbours in the list are neighbours in space.
         let mut guess = 0;
-        for part in small {
-            let is_far = part.indices.iter().any(|at| {
+        let (far, near): (Vec<&Part>, Vec<&Part>) = small.iter().partition(|part| {
+            part.indices.iter().any(|at| {
                 let near = set.nearest(points[*at as usize], guess);
                 guess = near.triangle;
                 near.distance > width
-            });
-            if is_far {
-                stays.extend(&part.indices);
-            }
-        }
+            })
+        });
+        let groups = part_group::groups(&near.iter().map(|of| &of.points).collect::<Vec<_>>());
+        let wide = groups.iter().filter(|group| group.width > width);
+        let wide = wide.flat_map(|group| group.parts.iter().map(|at| near[*at]));
+        stays.extend(far.into_iter().chain(wide).flat_map(|part| &part.indices));
         stays
     }
 
@@ -116,13 +125,12 @@ impl Patch<'_> {
             found.entry(part_of[corners[0] as usize]).or_default().extend(corners);
         }
         let part = |indices: Vec<u32>| {
-            let stays = indices.iter().any(|at| is_locked(self.vertices[*at as usize]));
+            let must_stay = indices.iter().any(|at| is_locked(self.vertices[*at as usize]));
             let points = indices.iter().map(|at| self.looks.points()[*at as usize].position);
-            let width = if stays { f64::INFINITY } else { width::of_points(points) };
-            Part { indices, width }
+            Part { points: PartPoints::new(points.collect()), indices, must_stay }
         };
         let mut parts: Vec<Part> = found.into_values().map(part).collect();
-        parts.sort_by(|one, two| one.width.total_cmp(&two.width));
+        parts.sort_by(|one, two| one.width().total_cmp(&two.width()));
         parts
     }
 }

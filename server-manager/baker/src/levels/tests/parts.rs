@@ -96,3 +96,28 @@ fn a_mesh_of_a_thousand_surfaces_has_levels() {
     };
     assert!(shown(1.0) * 10 < shown(0.0), "{} of {} triangles", shown(1.0), shown(0.0));
 }
+
+#[test]
+fn shingles_that_cover_a_wall_stay() {
+    let walls = Shape::new("walls").cuboid(2, DVec3::ZERO, TOWER);
+    // Two materials in turn: what one leaves open the other one covers.
+    let shingles = [0, 1].map(|first: usize| {
+        (0..300).filter(|at| (at / 10 + at % 10) % 2 == first).fold(
+            Shape::new("shingles"),
+            |shingles, at| {
+                let place = [0.01 + 1.2 * (at % 10) as f64, (at / 10) as f64];
+                on_front(shingles, place, [1.18, 0.98, 0.02])
+            },
+        )
+    });
+    let [light, dark] = shingles;
+    let shapes = [walls, light, dark];
+    let surfaces = [0, 1, 2].map(|at: usize| shapes[at].surface());
+    let levels = build(&surfaces, &AtomicBool::new(false)).expect("not cancelled");
+    let counts = |limit| shown(&shapes, &levels, limit).map(|surface| surface.len());
+    // Each is 1 m wide, and all are as wide as the tower: of each an outline is left.
+    for limit in [1.2, 2.0, 4.0] {
+        let [_, light, dark] = counts(limit);
+        assert!(light + dark >= 300, "{light} and {dark} triangles of shingles at {limit} m");
+    }
+}
