@@ -39,7 +39,11 @@ pub(super) fn widths(
     (0..points.len() as u32).map(width).collect()
 }
 
-/// The boxes around the charts of triangles, in texture coordinates.
+/// How far texture coordinates of an atlas may be outside of the unit square.
+const ATLAS_SLACK: f64 = 1e-3;
+
+/// The boxes around the charts of triangles, in texture coordinates. Charts of a surface whose
+/// texture coordinates leave the unit square have none: its texture is tiled, and goes on beyond.
 pub(super) struct UvBoxes {
     /// The place of each vertex's box.
     box_of: HashMap<u32, usize>,
@@ -67,12 +71,26 @@ impl UvBoxes {
         }
         let empty = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         let mut boxes = vec![[empty; 2]; parents.len()];
+        let mut surfaces = vec![0; parents.len()];
+        let mut is_tiled = vec![[false; 2]; source.surfaces().len()];
         let mut box_of = HashMap::with_capacity(numbers.len());
         for (vertex, number) in numbers {
             let chart = root(&mut parents, number) as usize;
             box_of.insert(vertex, chart);
-            for ((low, high), uv) in boxes[chart].iter_mut().zip(source.uvs(vertex)) {
+            surfaces[chart] = source.surface_of(vertex) as usize;
+            let is_tiled = &mut is_tiled[surfaces[chart]];
+            for (set, uv) in source.uvs(vertex).into_iter().enumerate() {
+                let (low, high) = &mut boxes[chart][set];
                 (*low, *high) = (low.min(uv), high.max(uv));
+                let outside = (uv - 0.5).abs().max_element() - 0.5;
+                is_tiled[set] |= outside > ATLAS_SLACK;
+            }
+        }
+        for (boxes, surface) in boxes.iter_mut().zip(surfaces) {
+            for (of, is_tiled) in boxes.iter_mut().zip(is_tiled[surface]) {
+                if is_tiled {
+                    *of = (DVec2::NEG_INFINITY, DVec2::INFINITY);
+                }
             }
         }
         Self { box_of, boxes }
@@ -109,7 +127,29 @@ pub(super) fn join(parents: &mut [u32], corners: [u32; 3]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::levels::surface::Surface;
     use glam::DVec2;
+    use polyptych_scene::VertexLayout;
+
+    #[test]
+    fn only_charts_of_an_atlas_have_boxes() {
+        // Positions, normals, texture coordinates.
+        let square = |scale: f32| -> Vec<f32> {
+            let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]];
+            let row = |[u, v]: [f32; 2]| [u, v, 0.0, 0.0, 0.0, 1.0, u * scale, v * scale];
+            corners.into_iter().flat_map(row).collect()
+        };
+        for (scale, clamped) in [(0.5, 0.5), (1.0, 1.0), (3.0, 9.0)] {
+            let vertices = square(scale);
+            let layout = VertexLayout { uv0: true, ..VertexLayout::default() };
+            let (indices, keeps_order, locked) = (&[0, 1, 2][..], false, &[][..]);
+            let surfaces = [Surface { layout, vertices: &vertices, indices, keeps_order, locked }];
+            let source = Source::new(&surfaces);
+            let boxes = UvBoxes::new(&source, indices);
+            let uvs = boxes.clamp(0, [DVec2::splat(9.0), DVec2::ZERO]);
+            assert_eq!(uvs[0], DVec2::splat(clamped), "coordinates up to {scale}");
+        }
+    }
 
     #[test]
     fn charts_end_at_seams_and_not_at_creases() {

@@ -13,7 +13,7 @@ use glam::{DVec2, DVec3};
 
 use super::appearance::uv_length;
 use super::chart;
-use super::contraction::contract;
+use super::contraction::{Goal, contract};
 use super::patch::Patch;
 use super::simplified::Simplified;
 use super::source::Source;
@@ -78,36 +78,73 @@ pub(super) fn simplify(
     is_locked: impl Fn(u32) -> bool,
     (prior, limit): (f64, f64),
 ) -> Option<Simplified> {
-    if source.keeps_order() {
-        return None;
-    }
-    let mut vertices = [triangles, measured].concat();
-    vertices.sort_unstable();
-    vertices.dedup();
-    let own = |list: &[u32]| -> Vec<u32> {
-        list.iter().map(|at| vertices.partition_point(|known| known < at) as u32).collect()
-    };
-    let (triangles, measured) = (own(triangles), own(measured));
-    let part = source.part(&vertices);
-    let is_locked = |vertex: u32| vertices.get(vertex as usize).is_some_and(|at| is_locked(*at));
-    let reach = prior.max(diagonal(&part, &triangles) * REACH_MIN);
     let target = (triangles.len() as f64 / 3.0 * RATIO) as usize;
-    let places = contract(&part, &triangles, is_locked, (target, reach));
-    let clustered = cluster(&part, &triangles, &places, reach);
-    let count = clustered.triangles.len();
-    let is_worth = count > 0 && count as f64 <= triangles.len() as f64 * RATIO_MAX;
-    if !is_worth || !keeps_locked(&part, [&triangles, &clustered.triangles], is_locked) {
-        return None;
+    let reach = prior.max(diagonal(source, triangles) * REACH_MIN);
+    let goal = Goal { target, reach, way_max: f64::INFINITY };
+    let contracted = Contracted::new(source, (triangles, measured), is_locked, goal)?;
+    let is_worth = contracted.count() as f64 <= triangles.len() as f64 / 3.0 * RATIO_MAX;
+    if is_worth { contracted.measured((prior, limit)) } else { None }
+}
+
+/// Triangles whose vertices have moved together.
+pub(super) struct Contracted<'a> {
+    source: &'a Source<'a>,
+    /// The vertices of the source that the triangles and those that they replace use.
+    vertices: Vec<u32>,
+    /// The source of these alone.
+    part: Source<'a>,
+    clustered: Clustered,
+    /// What the error is measured against: three vertices of `part` for each triangle.
+    measured: Vec<u32>,
+}
+
+impl<'a> Contracted<'a> {
+    /// Contracts triangles, see [`simplify`]; `None` if nothing is left, or they are drawn in
+    /// order.
+    pub fn new(
+        source: &'a Source<'a>,
+        (triangles, measured): (&[u32], &[u32]),
+        is_locked: impl Fn(u32) -> bool,
+        goal: Goal,
+    ) -> Option<Self> {
+        if source.keeps_order() {
+            return None;
+        }
+        let mut vertices = [triangles, measured].concat();
+        vertices.sort_unstable();
+        vertices.dedup();
+        let own = |list: &[u32]| -> Vec<u32> {
+            list.iter().map(|at| vertices.partition_point(|known| known < at) as u32).collect()
+        };
+        let (triangles, measured) = (own(triangles), own(measured));
+        let part = source.part(&vertices);
+        let is_locked =
+            |at: u32| vertices.get(at as usize).is_some_and(|vertex| is_locked(*vertex));
+        let places = contract(&part, &triangles, is_locked, goal);
+        let clustered = cluster(&part, &triangles, &places, goal.reach);
+        let is_met = keeps_locked(&part, [&triangles, &clustered.triangles], is_locked);
+        let is_any = is_met && !clustered.triangles.is_empty();
+        is_any.then_some(Self { source, vertices, part, clustered, measured })
     }
-    let mut moved = part.clone();
-    for vertex in &clustered.added {
-        moved.add(vertex);
+
+    /// The number of triangles that are left.
+    pub fn count(&self) -> usize {
+        self.clustered.triangles.len() / 3
     }
-    let patch = Patch::new(&moved, &clustered.triangles, &measured).with_places(&clustered.places);
-    let mut simplified = patch.measured(patch.current(), (prior, limit))?;
-    simplified.added = clustered.added;
-    simplified.give_numbers(&vertices, source.vertex_count() as u32);
-    Some(simplified)
+
+    /// Returns the triangles that are left with what they change, see [`Patch::measured`].
+    pub fn measured(self, (prior, limit): (f64, f64)) -> Option<Simplified> {
+        let Self { source, vertices, part: mut moved, clustered, measured } = self;
+        for vertex in &clustered.added {
+            moved.add(vertex);
+        }
+        let patch =
+            Patch::new(&moved, &clustered.triangles, &measured).with_places(&clustered.places);
+        let mut simplified = patch.measured(patch.current(), (prior, limit))?;
+        simplified.added = clustered.added;
+        simplified.give_numbers(&vertices, source.vertex_count() as u32);
+        Some(simplified)
+    }
 }
 
 /// Returns the diagonal of the box around triangles.
@@ -159,15 +196,6 @@ fn cluster(
 ) -> Clustered {
     let mut corners = Corners::new(source, triangles, reach);
     let kept = kept(source, triangles, places);
-    // Those that stay come first: others may take their vertices.
-    for triangle in &kept {
-        for vertex in triangle {
-            let place = places[&source.welded[*vertex as usize]];
-            if source.welded[*vertex as usize] == place {
-                corners.keep(*vertex, place);
-            }
-        }
-    }
     let mut clustered = Clustered::default();
     for triangle in &kept {
         let moved = triangle.map(|vertex| {
@@ -226,8 +254,10 @@ struct Corners<'a> {
     /// The lengths of texture units on each surface.
     lengths: BTreeMap<u32, [f64; 2]>,
     charts: chart::UvBoxes,
-    /// Vertices by place and surface, with their texture coordinates.
-    known: HashMap<(u32, u32), Vec<(u32, MovedVertex)>>,
+    /// The vertices of the triangles by place and surface.
+    at_place: HashMap<(u32, u32), Vec<u32>>,
+    /// Those that have been added, likewise.
+    added: HashMap<(u32, u32), Vec<(u32, MovedVertex)>>,
 }
 
 impl<'a> Corners<'a> {
@@ -239,26 +269,26 @@ impl<'a> Corners<'a> {
             };
             (*surface, [length(0), length(1)])
         });
+        let mut at_place: HashMap<(u32, u32), Vec<u32>> = HashMap::new();
+        for &vertex in triangles {
+            let key = (source.welded[vertex as usize], source.surface_of(vertex));
+            let known = at_place.entry(key).or_default();
+            if !known.contains(&vertex) {
+                known.push(vertex);
+            }
+        }
         Self {
             source,
             reach,
             lengths: lengths.collect(),
             charts: chart::UvBoxes::new(source, triangles),
-            known: HashMap::new(),
+            at_place,
+            added: HashMap::new(),
         }
     }
 
-    /// Lets other corners use a vertex that stays.
-    fn keep(&mut self, vertex: u32, place: u32) {
-        let uvs = self.source.uvs(vertex);
-        let known = self.known.entry((place, self.source.surface_of(vertex))).or_default();
-        if known.iter().all(|(at, _)| *at != vertex) {
-            known.push((vertex, MovedVertex { from: vertex, at: place, uvs }));
-        }
-    }
-
-    /// Returns the vertex for a corner of a triangle in a place: itself, or a known one that looks
-    /// nearly alike, or one that is added.
+    /// Returns the vertex for a corner of a triangle in a place: itself, or one that looks nearly
+    /// alike there, or one that is added. What faces the same side there gives the colour.
     fn vertex(
         &mut self,
         triangle: &[u32; 3],
@@ -273,21 +303,30 @@ impl<'a> Corners<'a> {
         let surface = source.surface_of(corner);
         let uvs = self.charts.clamp(corner, self.uvs_at(triangle, corner, place));
         let lengths = self.lengths.get(&surface).copied().unwrap_or_default();
+        let is_near = |other: [DVec2; 2]| {
+            let slide = [0, 1].map(|set| (uvs[set] - other[set]).length() * lengths[set]);
+            slide[0].max(slide[1]) <= self.reach * SLIDE_MAX
+        };
+        let faces_alike =
+            |other: u32| source.normal(corner).dot(source.normal(other)) >= COSINE_MIN;
+        let there = self.at_place.get(&(place, surface)).into_iter().flatten().copied();
+        let there: Vec<u32> = there.filter(|other| faces_alike(*other)).collect();
+        if let Some(vertex) = there.iter().find(|other| is_near(source.uvs(**other))) {
+            return *vertex;
+        }
+        let from = there.first().copied().unwrap_or(corner);
         let is_alike = |other: &MovedVertex| {
-            let slide = [0, 1].map(|set| (uvs[set] - other.uvs[set]).length() * lengths[set]);
-            let slide = slide[0].max(slide[1]);
-            let cosine = source.normal(corner).dot(source.normal(other.from));
-            let colors = source.color(corner).into_iter().zip(source.color(other.from));
-            slide <= self.reach * SLIDE_MAX
-                && cosine >= COSINE_MIN
+            let colors = source.color(from).into_iter().zip(source.color(other.from));
+            is_near(other.uvs)
+                && faces_alike(other.from)
                 && colors.into_iter().all(|(one, two)| (one - two).abs() <= COLOR_STEP)
         };
-        let known = self.known.entry((place, surface)).or_default();
+        let known = self.added.entry((place, surface)).or_default();
         if let Some((vertex, _)) = known.iter().find(|(_, other)| is_alike(other)) {
             return *vertex;
         }
         let vertex = (source.vertex_count() + added.len()) as u32;
-        let moved = MovedVertex { from: corner, at: place, uvs };
+        let moved = MovedVertex { from, at: place, uvs };
         known.push((vertex, moved));
         added.push(moved);
         vertex

@@ -10,8 +10,10 @@
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap, HashMap};
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, DVec4};
 
+use super::appearance::color_length;
+use super::patch::by_surface;
 use super::source::Source;
 
 /// Vertices without a common edge that each is paired with at most, the nearest.
@@ -24,8 +26,19 @@ const COSINE_MIN: f64 = 0.2;
 /// leave all planes where they are the shortest comes first.
 const LENGTH_WEIGHT: f64 = 1e-6;
 
+/// How far triangles are contracted.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Goal {
+    /// The number of triangles that may be left.
+    pub target: usize,
+    /// Vertices without a common edge are paired that are no farther apart.
+    pub reach: f64,
+    /// The root of the sum of squared distances to planes beyond which nothing is contracted.
+    pub way_max: f64,
+}
+
 /// The sum of squared distances to planes.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Quadric {
     square: DMat3,
     linear: DVec3,
@@ -33,6 +46,9 @@ struct Quadric {
 }
 
 impl Quadric {
+    /// The quadric of no plane. The default of a matrix is the identity.
+    const NONE: Self = Self { square: DMat3::ZERO, linear: DVec3::ZERO, constant: 0.0 };
+
     /// The quadric of the plane through a point with this normal, of unit length.
     fn of_plane(normal: DVec3, point: DVec3) -> Self {
         let offset = -normal.dot(point);
@@ -82,10 +98,29 @@ impl Ord for Candidate {
     }
 }
 
+/// The colours that a surface had at the places that are one now, as lengths on the surface.
+#[derive(Clone, Copy, Debug)]
+struct ColorRange {
+    surface: u32,
+    /// The colour that it has there.
+    own: DVec4,
+    low: DVec4,
+    high: DVec4,
+}
+
+impl ColorRange {
+    /// The square of the largest way from a colour to that of another place.
+    fn way_squared(&self, to: DVec4) -> f64 {
+        (self.low - to).abs().max((self.high - to).abs()).length_squared()
+    }
+}
+
 /// Triangles over places, some of which have been contracted.
 struct Contraction {
     positions: Vec<DVec3>,
     quadrics: Vec<Quadric>,
+    /// Those of surfaces that have colours.
+    colors: Vec<Vec<ColorRange>>,
     is_locked: Vec<bool>,
     /// Those where a surface ends, which it goes on to do there.
     is_border: Vec<bool>,
@@ -102,14 +137,14 @@ struct Contraction {
     queue: BinaryHeap<Reverse<Candidate>>,
 }
 
-/// Returns the place to which each place of triangles moves, so that no more than `target` of them
-/// have an area, if that goes. Vertices are paired that are within `reach` of each other. Places
-/// are named by the first vertex there; those that are locked stay.
+/// Returns the place to which each place of triangles moves, so that no more of them have an area
+/// than is the goal, if that goes. Places are named by the first vertex there; those that are
+/// locked stay.
 pub(super) fn contract(
     source: &Source<'_>,
     triangles: &[u32],
     is_locked: impl Fn(u32) -> bool,
-    (target, reach): (usize, f64),
+    goal: Goal,
 ) -> BTreeMap<u32, u32> {
     let mut names: Vec<u32> =
         triangles.iter().map(|vertex| source.welded[*vertex as usize]).collect();
@@ -121,7 +156,8 @@ pub(super) fn contract(
     let center = positions.iter().sum::<DVec3>() / positions.len().max(1) as f64;
     let mut contraction = Contraction {
         positions: positions.iter().map(|position| *position - center).collect(),
-        quadrics: vec![Quadric::default(); names.len()],
+        quadrics: vec![Quadric::NONE; names.len()],
+        colors: vec![Vec::new(); names.len()],
         is_locked: names.iter().map(|name| is_locked(*name)).collect(),
         is_border: vec![false; names.len()],
         moved_to: (0..names.len() as u32).collect(),
@@ -138,8 +174,9 @@ pub(super) fn contract(
     let surfaces: Vec<u32> =
         triangles.as_chunks::<3>().0.iter().map(|[a, ..]| source.surface_of(*a)).collect();
     contraction.measure_planes(&surfaces);
-    contraction.pair_near(&surfaces, reach);
-    contraction.run(target);
+    contraction.add_colors(source, triangles, number);
+    contraction.pair_near(&surfaces, goal.reach);
+    contraction.run(goal);
     let place = |at: usize| names[contraction.place_of(at as u32) as usize];
     names.iter().enumerate().map(|(at, name)| (*name, place(at))).collect()
 }
@@ -158,6 +195,42 @@ impl Contraction {
             self.pairs[from as usize].insert(to);
             self.pairs[to as usize].insert(from);
         }
+    }
+
+    /// Gives each place the colours that its surfaces have there.
+    fn add_colors(&mut self, source: &Source<'_>, triangles: &[u32], number: impl Fn(&u32) -> u32) {
+        for (surface, own) in by_surface(triangles, |vertex| source.surface_of(vertex)) {
+            if !source.surfaces()[surface as usize].layout.color {
+                continue;
+            }
+            let length = color_length(own.iter().map(|at| source.position(*at)));
+            for vertex in own {
+                let place = number(&source.welded[vertex as usize]);
+                let color = DVec4::from_array(source.color(vertex)) * length;
+                let of = ColorRange { surface, own: color, low: color, high: color };
+                self.add_color(place, of);
+            }
+        }
+    }
+
+    fn add_color(&mut self, place: u32, color: ColorRange) {
+        let known = &mut self.colors[place as usize];
+        match known.iter_mut().find(|known| known.surface == color.surface) {
+            Some(known) => {
+                (known.low, known.high) = (known.low.min(color.low), known.high.max(color.high));
+            }
+            None => known.push(color),
+        }
+    }
+
+    /// The square of the largest way that a colour goes if a place moves to another one.
+    fn color_way_squared(&self, from: u32, to: u32) -> f64 {
+        let there = &self.colors[to as usize];
+        let way = |of: &ColorRange| {
+            let to = there.iter().find(|there| there.surface == of.surface)?;
+            Some(of.way_squared(to.own))
+        };
+        self.colors[from as usize].iter().filter_map(way).fold(0.0, f64::max)
     }
 
     /// Gives each place the planes of its triangles, and planes across the edges of surfaces.
@@ -229,13 +302,16 @@ impl Contraction {
         }
     }
 
-    fn run(&mut self, target: usize) {
+    fn run(&mut self, goal: Goal) {
         for at in 0..self.positions.len() as u32 {
             self.push_pairs(at);
         }
-        while self.left > target {
+        while self.left > goal.target {
             let Some(Reverse(candidate)) = self.queue.pop() else { break };
-            let Candidate { from, to, changes, .. } = candidate;
+            let Candidate { cost, from, to, changes } = candidate;
+            if cost > goal.way_max * goal.way_max {
+                break;
+            }
             if changes == [from, to].map(|at| self.changes[at as usize])
                 && self.is_here(from)
                 && self.is_here(to)
@@ -267,7 +343,8 @@ impl Contraction {
             let cost = |from: u32, to: u32| {
                 let is_free = !self.is_locked[from as usize]
                     && (!self.is_border[from as usize] || self.is_border[to as usize]);
-                let way = sum.at(self.positions[to as usize]) + length * LENGTH_WEIGHT;
+                let way = sum.at(self.positions[to as usize]) + self.color_way_squared(from, to);
+                let way = way + length * LENGTH_WEIGHT;
                 is_free.then_some(Candidate {
                     cost: way,
                     from,
@@ -302,6 +379,9 @@ impl Contraction {
         self.moved_to[from as usize] = to;
         let quadric = self.quadrics[from as usize];
         self.quadrics[to as usize].add(&quadric);
+        for color in std::mem::take(&mut self.colors[from as usize]) {
+            self.add_color(to, color);
+        }
         for triangle in std::mem::take(&mut self.triangles_at[from as usize]) {
             let corners = &mut self.triangles[triangle as usize];
             if !is_triangle(*corners) {
@@ -361,7 +441,8 @@ mod tests {
         };
         let surfaces = [surface];
         let source = Source::new(&surfaces);
-        let moved = contract(&source, &indices, &is_locked, (target, 0.2));
+        let goal = Goal { target, reach: 0.2, way_max: f64::INFINITY };
+        let moved = contract(&source, &indices, &is_locked, goal);
         let way = |(from, to): (&u32, &u32)| {
             assert!(from == to || !is_locked(*from), "a locked place moved");
             source.position(*from).distance(source.position(*to))
@@ -383,6 +464,29 @@ mod tests {
             (0..8).map(|at| [1.1 * at as f32, 0.0, 9.0 * at as f32]).collect();
         let way = check(&apart, 8, |_| false);
         assert!(way <= 1.5, "no square reaches for another: {way}");
+    }
+
+    #[test]
+    fn a_plane_costs_nothing_wherever_it_lies() {
+        // A sheet of 8 by 8 squares, of which the corners are enough.
+        let mut vertices = Vec::new();
+        for at in 0..81_u8 {
+            vertices.extend([f32::from(at % 9), f32::from(at / 9), 5.0, 0.0, 0.0, 1.0]);
+        }
+        let square = |at: u32| {
+            let first = at % 8 + at / 8 * 9;
+            [0, 1, 10, 0, 10, 9].map(|corner| first + corner)
+        };
+        let indices: Vec<u32> = (0..64).flat_map(square).collect();
+        let (layout, keeps_order, locked) = (VertexLayout::default(), false, &[][..]);
+        let surfaces =
+            [Surface { layout, vertices: &vertices, indices: &indices, keeps_order, locked }];
+        let source = Source::new(&surfaces);
+        let goal = Goal { target: 0, reach: 0.1, way_max: 0.01 };
+        let moved = contract(&source, &indices, |_| false, goal);
+        let corners = indices.as_chunks::<3>().0.iter();
+        let triangles = corners.map(|of| of.map(|at| moved[&source.welded[at as usize]]));
+        assert_eq!(triangles.filter(|of| is_triangle(*of)).count(), 2);
     }
 
     #[test]

@@ -158,13 +158,14 @@ impl Builder<'_, '_> {
                 let at = self.source.welded[vertex as usize];
                 borders.contains(&at) || self.kept[at as usize] || self.locked[at as usize]
             };
-            let patch = Patch::new(self.source, &triangles, measured);
-            let mut found = finest.as_ref().and_then(|_| patch.simplify_parts(is_locked, prior));
-            let errors = (prior, error_worth_measuring(found.as_ref()));
-            found = best(patch.simplify(is_locked, errors), found);
             // What is replaced as a whole and meets no other mesh has no border for cracks.
             let is_alone = finest.is_some() && !self.locked.contains(&true);
             let is_whole = is_alone && self.source.surfaces().len() > 1;
+            let patch = Patch::new(self.source, &triangles, measured);
+            let mut found =
+                finest.as_ref().and_then(|_| patch.simplify_parts(is_locked, (prior, is_whole)));
+            let errors = (prior, error_worth_measuring(found.as_ref()));
+            found = best(patch.simplify(is_locked, errors), found);
             if is_whole || clustering::is_scattered(self.source, &triangles) {
                 let lists = (&triangles[..], &measured[..]);
                 let errors = (prior, error_worth_measuring(found.as_ref()));

@@ -185,7 +185,7 @@ impl<'a> Patch<'a> {
             let flags = flags(keeps_seams);
             let options = SimplifyOptions::Permissive | prune;
             let after = self.simplified(triangles, &flags, options, (count, error_max));
-            (self.is_worth(&after) && self.fits(&after, &flags)).then_some(after)
+            (self.is_worth(after.len()) && self.fits(&after, &flags)).then_some(after)
         })
     }
 
@@ -202,8 +202,9 @@ impl<'a> Patch<'a> {
         &self.current
     }
 
-    fn is_worth(&self, after: &[u32]) -> bool {
-        !after.is_empty() && after.len() as f64 <= self.current.len() as f64 * RATIO_MAX
+    /// Returns whether so many indices are worth a coarser level.
+    fn is_worth(&self, left: usize) -> bool {
+        left > 0 && left as f64 <= self.current.len() as f64 * RATIO_MAX
     }
 
     /// Returns whether triangles go on to meet other patches, and each is of one surface.

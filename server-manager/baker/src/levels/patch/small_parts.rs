@@ -9,6 +9,8 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::{NEGLIGIBLE, Patch};
+use crate::levels::clustering::Contracted;
+use crate::levels::contraction::Goal;
 use crate::levels::part_group::{self, PartPoints};
 use crate::levels::simplified::{Simplified, best, error_worth_measuring};
 use crate::levels::triangle_set::TriangleSet;
@@ -18,6 +20,22 @@ const STEP: f64 = 1.4;
 
 /// Errors that are tried from the least one on that spares enough.
 const STEPS: i32 = 4;
+
+/// A way to spare triangles.
+enum Way<'a> {
+    /// Three vertices of the patch for each that is left.
+    Triangles(Vec<u32>),
+    Contracted(Box<Contracted<'a>>),
+}
+
+impl Way<'_> {
+    fn measured(self, patch: &Patch<'_>, errors: (f64, f64)) -> Option<Simplified> {
+        match self {
+            Self::Triangles(triangles) => patch.measured(&triangles, errors),
+            Self::Contracted(contracted) => contracted.measured(errors),
+        }
+    }
+}
 
 /// A connected part of a surface.
 struct Part {
@@ -38,12 +56,13 @@ impl Part {
 impl Patch<'_> {
     /// Returns the patch with fewer triangles for the least error that spares enough of them, of
     /// errors that are steps apart: without parts that are no wider and no farther from a larger
-    /// part, and then with fewer edges. `None` if nothing is worth it. `is_locked` says of a vertex
-    /// whether it must stay, and `prior` is the error that the patch's triangles have already.
+    /// part, and then with fewer edges, or contracted if `is_whole`: it meets nothing else.
+    /// `None` if nothing is worth it. `is_locked` says of a vertex whether it must stay, and
+    /// `prior` is the error that the patch's triangles have already.
     pub fn simplify_parts(
         &self,
         is_locked: impl Fn(u32) -> bool,
-        prior: f64,
+        (prior, is_whole): (f64, bool),
     ) -> Option<Simplified> {
         let parts = self.parts(&is_locked);
         let size = self.size().length();
@@ -54,7 +73,7 @@ impl Patch<'_> {
         let (mut from, mut to) = (0, end);
         while from < to {
             let middle = from.midpoint(to);
-            let mut ways = self.ways(&is_locked, &parts, error(middle));
+            let mut ways = self.ways(&is_locked, &parts, (error(middle), is_whole));
             if ways.next().is_none() {
                 from = middle + 1;
             } else {
@@ -66,26 +85,40 @@ impl Patch<'_> {
             if found.as_ref().is_some_and(|found| found.error <= error(step)) {
                 break;
             }
-            for way in self.ways(&is_locked, &parts, error(step)) {
-                let limit = error_worth_measuring(found.as_ref());
-                found = best(found, self.measured(&way, (prior, limit)));
+            for way in self.ways(&is_locked, &parts, (error(step), is_whole)) {
+                let errors = (prior, error_worth_measuring(found.as_ref()));
+                found = best(found, way.measured(self, errors));
             }
         }
         found
     }
 
-    /// Returns the triangles that are left where parts of such a width are left out, and those
-    /// that are left where edges may move by as much then; each list only if it is worth it.
-    fn ways(
-        &self,
-        is_locked: impl Fn(u32) -> bool,
+    /// Returns the ways to spare triangles at an error that are worth it: without parts of such a
+    /// width, and then with edges that are left out, or vertices that move together.
+    fn ways<'p>(
+        &'p self,
+        is_locked: impl Fn(u32) -> bool + Copy,
         parts: &[Part],
-        error: f64,
-    ) -> impl Iterator<Item = Vec<u32>> {
+        (error, is_whole): (f64, bool),
+    ) -> impl Iterator<Item = Way<'p>> {
         let stays = self.without_parts(parts, error);
-        let without = Some(stays.clone()).filter(|stays| self.is_worth(stays));
+        let global = |list: &[u32]| -> Vec<u32> {
+            list.iter().map(|at| self.vertices[*at as usize]).collect()
+        };
+        let lists = (global(&stays), global(&self.indices));
+        let without = Some(stays.clone()).filter(|stays| self.is_worth(stays.len()));
         let fewer = move || self.fewer(&stays, is_locked, (0, Some(error)));
-        without.into_iter().chain(std::iter::once_with(fewer).flatten())
+        let contracted = move || {
+            if !is_whole {
+                return None;
+            }
+            let goal = Goal { target: 0, reach: error, way_max: error };
+            let contracted = Contracted::new(self.source, (&lists.0, &lists.1), is_locked, goal)?;
+            self.is_worth(contracted.count() * 3).then(|| Box::new(contracted))
+        };
+        let edges = std::iter::once_with(fewer).flatten();
+        let vertices = std::iter::once_with(contracted).flatten();
+        without.into_iter().chain(edges).map(Way::Triangles).chain(vertices.map(Way::Contracted))
     }
 
     /// Returns the triangles without parts up to a width that are no farther than that from what
