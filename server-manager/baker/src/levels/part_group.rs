@@ -1,9 +1,6 @@
 //! Parts that lie side by side: they cover together what a wider part would.
 
-use std::f64::consts::FRAC_1_SQRT_2;
-
 use glam::{DVec2, DVec3};
-use polyptych_wall::triangle_distance::nearest_on_triangle;
 
 use super::chart;
 use super::width;
@@ -103,9 +100,9 @@ fn group(parts: &[&PartPoints], members: Vec<usize>) -> PartGroup {
 
 /// Returns the side of the largest square that triangles cover, seen along the normal of the
 /// largest one and along its longest edge and across that; infinite if they cover most of the
-/// rectangle around them, seen along the normal. A cell counts as covered if the centre
-/// is no farther from a triangle than half a diagonal: at most two cells too wide, of which there
-/// are some across `least`, the width of the narrowest part.
+/// rectangle around them, seen along the normal. Cells that a triangle touches count as covered: at
+/// most two cells too wide, of which there are [`CELLS_ACROSS`] in `least`, the width of the
+/// narrowest part, if not fewer.
 fn covered_width(points: &[DVec3], least: f64) -> f64 {
     let area = |corners: &[DVec3; 3]| {
         let [a, b, c] = *corners;
@@ -142,20 +139,19 @@ fn largest_square(triangles: &[[DVec2; 3]], least: f64) -> (f64, f64) {
     let corners = triangles.iter().flatten();
     let (low, high) = corners.fold(empty, |(low, high), at| (low.min(*at), high.max(*at)));
     let cell = ((high - low).max_element() / CELLS_MAX).max(least / CELLS_ACROSS);
-    let cell_of = |at: DVec2| ((at - low) / cell).floor().max(DVec2::ZERO).as_uvec2();
-    let size = cell_of(high) + 1;
+    let size = ((high - low) / cell).floor().as_uvec2() + 1;
     let mut is_covered = vec![false; (size.x * size.y) as usize];
     for corners in triangles {
-        let [a, b, c] = *corners;
-        let (first, last) = (cell_of(a.min(b).min(c)), cell_of(a.max(b).max(c)));
-        for y in first.y..=last.y {
-            for x in first.x..=last.x {
-                let center = low + (DVec2::new(x.into(), y.into()) + 0.5) * cell;
-                let flat = [a, b, c].map(|at| at.extend(0.0));
-                let near = nearest_on_triangle(center.extend(0.0), &flat);
-                let is_near = near.distance(center.extend(0.0)) <= cell * FRAC_1_SQRT_2;
-                is_covered[(y * size.x + x) as usize] |= is_near;
-            }
+        // In cells.
+        let corners = corners.map(|at| ((at - low) / cell).clamp(DVec2::ZERO, size.as_dvec2()));
+        let heights = corners.map(|at| at.y.floor() as u32);
+        let [first, last] = [heights.iter().min(), heights.iter().max()];
+        let rows = first.copied().unwrap_or(0)..=last.copied().unwrap_or(0).min(size.y - 1);
+        for y in rows {
+            let Some([left, right]) = columns(&corners, y.into()) else { continue };
+            let row = &mut is_covered[(y * size.x) as usize..][..size.x as usize];
+            let end = (right.floor() as usize).min(row.len() - 1);
+            row[(left.floor() as usize).min(end)..=end].fill(true);
         }
     }
     // The side of the largest square that ends at each cell.
@@ -172,6 +168,23 @@ fn largest_square(triangles: &[[DVec2; 3]], least: f64) -> (f64, f64) {
     let covered = is_covered.iter().filter(|is| **is).count();
     let side = f64::from(sides.into_iter().max().unwrap_or(0)) * cell;
     (side, covered as f64 / is_covered.len() as f64)
+}
+
+/// The left and right end of what a triangle covers between two heights that are 1 apart; `None` if
+/// it does not reach them.
+fn columns(corners: &[DVec2; 3], low: f64) -> Option<[f64; 2]> {
+    let [a, b, c] = *corners;
+    let ends = [(a, b), (b, c), (c, a)].map(|(from, to)| {
+        let share = |height: f64| (height - from.y) / (to.y - from.y);
+        // Of a level edge, both ends if it is between the heights.
+        let [one, two] = if from.y == to.y { [0.0, 1.0] } else { [share(low), share(low + 1.0)] };
+        let (first, last) = (one.min(two).max(0.0), one.max(two).min(1.0));
+        let is_between = from.y.min(to.y) <= low + 1.0 && from.y.max(to.y) >= low;
+        let [one, two] = [first, last].map(|share| from.lerp(to, share).x);
+        is_between.then(|| [one.min(two), one.max(two)])
+    });
+    let reach = |one: [f64; 2], two: [f64; 2]| [one[0].min(two[0]), one[1].max(two[1])];
+    ends.into_iter().flatten().reduce(reach)
 }
 
 /// The axis along which parts lie farthest apart.
@@ -234,6 +247,19 @@ mod tests {
         let [(count, width)] = widths(&frame)[..] else { panic!("one group") };
         assert_eq!(count, 4);
         assert!((0.4..0.5).contains(&width), "{width} of a frame of 0.4 m around a window of 1 m");
+    }
+
+    #[test]
+    fn long_blades_side_by_side_are_one_wide_part() {
+        let blade = |at: u32| {
+            let left = 0.01 * f64::from(at);
+            let up = DVec3::new(left + 9.0, 9.0, 0.0);
+            PartPoints::new(vec![DVec3::X * left, DVec3::X * (left + 0.01), up])
+        };
+        let blades: Vec<PartPoints> = (0..1000).map(blade).collect();
+        let [(count, width)] = widths(&blades)[..] else { panic!("one group") };
+        assert_eq!(count, 1000);
+        assert!((5.0..12.0).contains(&width), "{width}");
     }
 
     #[test]
