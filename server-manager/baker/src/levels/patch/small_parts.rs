@@ -2,7 +2,7 @@
 //!
 //! Where the parts of a surface share no vertex, moving vertices along edges or together spoils
 //! large parts before it spares small ones. What is left out changes no part that stays, and then
-//! what it stood on may lose the edges that it had because of it.
+//! what it stood on may lose the edges that it had because of it, or have its vertices contracted.
 
 use std::collections::BTreeMap;
 
