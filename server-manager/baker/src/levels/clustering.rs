@@ -56,6 +56,8 @@ pub(super) struct Clustered {
     pub added: Vec<MovedVertex>,
     /// The vertex at the place to which each vertex of the triangles has moved.
     pub places: HashMap<u32, u32>,
+    /// The places of corners that have not moved.
+    pub stays: HashSet<u32>,
 }
 
 /// A vertex in the place of another one.
@@ -122,7 +124,7 @@ impl<'a> Contracted<'a> {
             |at: u32| vertices.get(at as usize).is_some_and(|vertex| is_locked(*vertex));
         let places = contract(&part, &triangles, is_locked, goal);
         let clustered = cluster(&part, &triangles, &places, goal.reach);
-        let is_met = keeps_locked(&part, [&triangles, &clustered.triangles], is_locked);
+        let is_met = keeps_locked(&part, &triangles, &clustered.stays, is_locked);
         let is_any = is_met && !clustered.triangles.is_empty();
         is_any.then_some(Self { source, vertices, part, clustered, measured })
     }
@@ -155,19 +157,17 @@ fn diagonal(source: &Source<'_>, triangles: &[u32]) -> f64 {
     low.distance(high)
 }
 
-/// Returns whether the locked positions of the first triangles are positions of the second ones,
-/// which then meet the same neighbours.
+/// Returns whether triangles had corners at all of their locked positions that stay there, so that
+/// they go on to meet the same neighbours. Corners that move there do not count, which errs on the
+/// side of no replacement.
 fn keeps_locked(
     source: &Source<'_>,
-    [before, after]: [&[u32]; 2],
+    triangles: &[u32],
+    stays: &HashSet<u32>,
     is_locked: impl Fn(u32) -> bool,
 ) -> bool {
-    // A vertex of the source at a locked place stays as it is; added ones that come there do not
-    // count, which errs on the side of no replacement.
-    let kept: HashSet<u32> =
-        after.iter().filter_map(|at| source.welded.get(*at as usize)).copied().collect();
-    let mut locked = before.iter().filter(|vertex| is_locked(**vertex));
-    locked.all(|vertex| kept.contains(&source.welded[*vertex as usize]))
+    let mut locked = triangles.iter().filter(|vertex| is_locked(**vertex));
+    locked.all(|vertex| stays.contains(&source.welded[*vertex as usize]))
 }
 
 /// Returns whether a surface is of many small parts that share no position, so that simplifying it
@@ -200,6 +200,9 @@ fn cluster(
     for triangle in &kept {
         let moved = triangle.map(|vertex| {
             let place = places[&source.welded[vertex as usize]];
+            if source.welded[vertex as usize] == place {
+                clustered.stays.insert(place);
+            }
             corners.vertex(triangle, vertex, place, &mut clustered.added)
         });
         clustered.triangles.extend(moved);
