@@ -13,6 +13,7 @@ use polyptych_wall::ChannelId;
 
 use super::calibrate;
 use super::change_queue::{ChangeOrigin, InFlightChange, StateChange};
+use super::registry::ChannelEntry;
 use super::residency::PART_TIME_MAX;
 use super::scene_editing::EditWaiter;
 use super::{
@@ -22,6 +23,9 @@ use super::{
 /// Maximum time for which a change waits for a server: enough for a large scene on a slow link.
 /// After this the wall goes on without its channels until they are ready.
 const PREPARE_TIME_MAX: Micros = 120_000_000;
+
+/// The states of channels that a change waits for.
+const ON_TIME: [ChannelState; 2] = [ChannelState::Live, ChannelState::Ready];
 
 /// Maximum number of changes that wait for their turn.
 pub(super) const CHANGES_MAX: usize = 64;
@@ -141,24 +145,42 @@ impl Cluster {
         replica
     }
 
-    /// Returns whether the server of every live or ready channel has answered.
+    /// Returns whether the server of every channel that is waited for has answered. Where all are
+    /// late, the first that is ready must not be held up by those that hang.
     fn is_settled(&self, underway: &InFlightChange) -> bool {
         let (answered, asked) = self.answered(underway);
+        let is_ready = |session| self.has_prepared(session, underway);
+        let mut late = self.channels_in(&[ChannelState::Late]);
         answered == asked
+            || self.channels_in(&ON_TIME).next().is_none()
+                && late.any(|channel| channel.server.is_some_and(is_ready))
     }
 
-    /// Returns the number of live and ready channels whose server has answered (or that have none),
-    /// and the number of all live and ready channels.
+    /// Returns the number of channels that a change waits for whose server has answered (or that
+    /// have none), and the number of all that it waits for: live and ready ones, or late ones where
+    /// there are no others.
     fn answered(&self, underway: &InFlightChange) -> (usize, usize) {
-        let counts = |state| matches!(state, ChannelState::Live | ChannelState::Ready);
+        let has_any = self.channels_in(&ON_TIME).next().is_some();
         let has_answered = |session: SessionId| {
-            let prepared = self.registry.server(session).and_then(|server| server.prepared);
-            prepared == Some(underway.replica.revision) || self.changes.has_failed_on(session)
+            self.has_prepared(session, underway) || self.changes.has_failed_on(session)
         };
-        let asked = self.registry.channels().filter(|(_, c)| counts(c.state));
-        asked.fold((0, 0), |(answered, asked), (_, c)| {
-            (answered + usize::from(c.server.is_none_or(has_answered)), asked + 1)
+        let asked = self.channels_in(if has_any { &ON_TIME } else { &[ChannelState::Late] });
+        asked.fold((0, 0), |(answered, asked), channel| {
+            (answered + usize::from(channel.server.is_none_or(has_answered)), asked + 1)
         })
+    }
+
+    fn has_prepared(&self, session: SessionId, underway: &InFlightChange) -> bool {
+        let prepared = self.registry.server(session).and_then(|server| server.prepared);
+        prepared == Some(underway.replica.revision)
+    }
+
+    fn channels_in<'a>(
+        &'a self,
+        states: &'a [ChannelState],
+    ) -> impl Iterator<Item = &'a ChannelEntry> {
+        let channels = self.registry.channels().map(|(_, channel)| channel);
+        channels.filter(|channel| states.contains(&channel.state))
     }
 
     /// Returns the scene whose change is on its way with the share of channels that are ready for

@@ -1,6 +1,6 @@
 //! Progress of scenes that are being opened, and the channels that showed a frame.
 
-use polyptych_protocol::feedback::Shown;
+use polyptych_protocol::feedback::{ChannelState, Shown};
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::progress::{OpenProgress, OpenStage};
 use polyptych_protocol::request::{Request, Response};
@@ -139,4 +139,22 @@ fn a_frame_without_servers_was_shown_by_none_and_one_with_a_late_channel_by_some
     assert_eq!(feedback.shown(), Shown::BySome);
     let missing: Vec<&str> = feedback.missing_channels().map(|c| c.name.as_str()).collect();
     assert_eq!(missing, ["c1"]);
+}
+
+#[test]
+fn a_wall_of_late_channels_opens_a_scene_when_the_first_has_it() {
+    let mut stage = ClusterFixture::new(3);
+    stage.order_frame();
+    stage.wait(100_000);
+    assert!((0..3).all(|channel| stage.state(channel) == ChannelState::Late));
+    let id = stage.request(Request::OpenScene { path: "town.glb".into(), scene: None });
+    let job = stage.imports[0];
+    stage.cluster.handle_import(stage.now, job, Ok(ClusterFixture::imported()));
+    stage.read();
+    assert_eq!(stage.openings(), ["town: preparing 0 %"], "nobody shows it");
+    let is_answered = |stage: &ClusterFixture| stage.replies.iter().any(|(of, _)| *of == id);
+    assert!(!is_answered(&stage));
+    stage.prepare(SessionId(1));
+    assert!(is_answered(&stage), "the others may hang");
+    assert_eq!(stage.openings(), [] as [String; 0]);
 }
