@@ -357,3 +357,39 @@ impl<'a> Corners<'a> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use polyptych_scene::VertexLayout;
+
+    use super::*;
+    use crate::levels::surface::Surface;
+
+    #[test]
+    fn a_corner_that_moves_to_a_locked_place_meets_no_neighbour() {
+        // A narrow triangle has the locked corner 0; corner 3 of another one lies beside it.
+        let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.1], [-0.1, 0.0], [-1.0, 1.0], [-1.0, 0.0]];
+        let vertices: Vec<f32> =
+            corners.iter().flat_map(|[x, y]| [*x, *y, 0.0, 0.0, 0.0, 1.0]).collect();
+        let (indices, layout) = ([0, 1, 2, 3, 4, 5], VertexLayout::default());
+        let surfaces = [Surface {
+            layout,
+            vertices: &vertices,
+            indices: &indices,
+            keeps_order: false,
+            locked: &[],
+        }];
+        let source = Source::new(&surfaces);
+        let after = |moves: &[(u32, u32)]| {
+            let mut places: BTreeMap<u32, u32> = (0..6).map(|at| (at, at)).collect();
+            places.extend(moves.iter().copied());
+            let clustered = cluster(&source, &indices, &places, 0.2);
+            let is_met = keeps_locked(&source, &indices, &clustered.stays, |vertex| vertex == 0);
+            (clustered.triangles.len() / 3, is_met)
+        };
+        assert_eq!(after(&[]), (2, true));
+        assert_eq!(after(&[(3, 0)]), (2, true), "the locked corner's own triangle is left");
+        assert_eq!(after(&[(2, 1)]), (1, false), "no triangle is left at the locked place");
+        assert_eq!(after(&[(2, 1), (3, 0)]), (1, false), "only a corner that moved is left there");
+    }
+}
