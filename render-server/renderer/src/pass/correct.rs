@@ -5,6 +5,7 @@
 
 mod cells;
 mod correction_mesh;
+mod light_map;
 mod pipelines;
 
 use std::cell::RefCell;
@@ -29,6 +30,7 @@ use crate::target::TargetError;
 
 pub(crate) use cells::CellRecord;
 pub use correction_mesh::CorrectionMesh;
+use light_map::LightMap;
 use pipelines::{Pipelines, Sampling};
 
 /// Source pixels beyond a plane's own that still count as its own: rounding must leave no point
@@ -74,6 +76,7 @@ pub(crate) struct CorrectionUniform {
     pub blue: [f32; 4],
     pub light_scale: [f32; 4],
     pub inverse_gamma: [f32; 4],
+    pub even_weights: [[f32; 4]; 3],
     pub texel: [f32; 2],
     pub pad: [f32; 2],
 }
@@ -83,7 +86,7 @@ pub(crate) struct CorrectionUniform {
 pub struct Correction {
     desc: CorrectionDesc,
     shape: Rc<CorrectionMesh>,
-    light_map: wgpu::TextureView,
+    light_map: LightMap,
     codes: wgpu::Buffer,
     pipelines: Rc<RefCell<Pipelines>>,
 }
@@ -120,7 +123,7 @@ impl Correction {
             known.filter(|known| is_same(known.desc.light_map.as_ref(), desc.light_map.as_ref()));
         let light_map = match same_light {
             Some(known) => known.light_map.clone(),
-            None => light_map(gpu, &desc),
+            None => LightMap::new(gpu, &desc),
         };
         let pipelines = match known {
             Some(known) => Rc::clone(&known.pipelines),
@@ -134,7 +137,11 @@ impl Correction {
     pub fn is_warm(&self, eyes: &[EyeAtlas], taps: [u32; 2]) -> bool {
         let sampling = Sampling::new(eyes, taps);
         let pipelines = self.pipelines.borrow();
-        (0..self.desc.packing.eyes()).all(|eye| pipelines.has(&self.desc, sampling, eye))
+        let has_even = self.light_map.even.is_some();
+        (0..self.desc.packing.eyes()).all(|eye| {
+            let has = |is_even| pipelines.has(&self.desc, sampling, (eye, is_even));
+            has(false) && (!has_even || has(true))
+        })
     }
 
     /// Width and height of the display's picture, in pixels.
@@ -217,7 +224,10 @@ impl Correction {
         let sampling = Sampling::new(eyes, taps);
         let mut pipelines = self.pipelines.borrow_mut();
         let drawn: Vec<_> = (0..self.desc.packing.eyes())
-            .map(|eye| pipelines.of(gpu, &self.desc, sampling, eye))
+            .flat_map(|eye| self.areas(eye).into_iter().map(move |area| (eye, area)))
+            .map(|(eye, (sides, is_even))| {
+                (sides, pipelines.of(gpu, &self.desc, sampling, (eye, is_even)))
+            })
             .collect();
         let shape = over.unwrap_or(&self.shape);
         let uniform = self.uniform(shape.origin_in_display, source.size(), eyes);
@@ -227,7 +237,7 @@ impl Correction {
         let resources = [
             wgpu::BindingResource::TextureView(source.view()),
             shape.uniform.as_entire_binding(),
-            wgpu::BindingResource::TextureView(&self.light_map),
+            wgpu::BindingResource::TextureView(&self.light_map.view),
             self.codes.as_entire_binding(),
             cells.as_entire_binding(),
         ];
@@ -244,7 +254,8 @@ impl Correction {
             pass.set_bind_group(1, &group, &[]);
             pass.set_vertex_buffer(0, shape.corners.slice(..));
             pass.set_index_buffer(parts.indices.slice(..), wgpu::IndexFormat::Uint32);
-            for pipeline in &drawn {
+            for ([left, top, right, bottom], pipeline) in &drawn {
+                pass.set_scissor_rect(*left, *top, right - left, bottom - top);
                 pass.set_pipeline(pipeline);
                 for (cell, part) in (0..).zip(&parts.ranges) {
                     pass.draw_indexed(part.clone(), 0, cell..cell + 1);
@@ -252,6 +263,29 @@ impl Correction {
             }
         }
         Ok(Submission::new(gpu, encoder))
+    }
+
+    /// The parts of an eye's picture on the display, as left, top, right and bottom, and whether
+    /// all pixels of one have the same weights.
+    fn areas(&self, eye: usize) -> Vec<([u32; 4], bool)> {
+        let [width, height] = self.desc.upright;
+        let Some(even) = self.light_map.even else {
+            return vec![(self.on_display([0, 0, width, height], eye), false)];
+        };
+        let others = even.others([width, height]).map(|sides| (sides, false));
+        let all = std::iter::once((even.sides, true)).chain(others);
+        all.map(|(sides, is_even)| (self.on_display(sides, eye), is_even)).collect()
+    }
+
+    /// Sides of a part of an eye's upright picture, in pixels of the display.
+    fn on_display(&self, [left, top, right, bottom]: [u32; 4], eye: usize) -> [u32; 4] {
+        let rows = self.desc.display_from_upright(eye);
+        let place =
+            |x: u32, y: u32| rows.map(|[a, b, c]| (a * f64::from(x) + b * f64::from(y) + c) as u32);
+        let (one, other) = (place(left, top), place(right, bottom));
+        let low = [0, 1].map(|at| one[at].min(other[at]));
+        let high = [0, 1].map(|at| one[at].max(other[at]));
+        [low[0], low[1], high[0], high[1]]
     }
 
     /// Checks that eyes have the planes that this correction needs.
@@ -333,6 +367,9 @@ impl Correction {
         if let Some(map) = &self.desc.light_map {
             uniform.light_scale = row(map.add.extend(map.multiply));
         }
+        if let Some(even) = &self.light_map.even {
+            uniform.even_weights = even.bytes();
+        }
         if let TransferFunction::Gamma(gamma) = &self.desc.curve {
             uniform.inverse_gamma = row(gamma.recip().extend(0.0));
         }
@@ -380,31 +417,6 @@ fn codes(gpu: &Gpu, curve: &TransferFunction) -> wgpu::Buffer {
         contents: bytemuck::cast_slice(&codes),
         usage: wgpu::BufferUsages::STORAGE,
     })
-}
-
-/// The light map of an upright picture; where there is none, one texel that nobody reads.
-fn light_map(gpu: &Gpu, desc: &CorrectionDesc) -> wgpu::TextureView {
-    let ([width, height], texels) = match &desc.light_map {
-        Some(map) => (desc.upright, map.texels.as_slice()),
-        None => ([1, 1], [[0; 2]].as_slice()),
-    };
-    let layers = (texels.len() / (width as usize * height as usize)) as u32;
-    // The shader takes the lower byte first, whatever the machine does.
-    let bytes: Vec<u8> = texels.iter().flatten().flat_map(|number| number.to_le_bytes()).collect();
-    let descriptor = wgpu::TextureDescriptor {
-        label: Some("correct/light_map"),
-        size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba8Unorm,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING,
-        view_formats: &[],
-    };
-    let order = wgpu::util::TextureDataOrder::default();
-    let texture = gpu.device.create_texture_with_data(&gpu.queue, &descriptor, order, &bytes);
-    let dimension = Some(wgpu::TextureViewDimension::D2Array);
-    texture.create_view(&wgpu::TextureViewDescriptor { dimension, ..Default::default() })
 }
 
 /// Validates a description for this adapter.

@@ -38,6 +38,8 @@ struct Correction {
     // What the light map's numbers stand for; w is the factor's.
     light_scale: vec4<f32>,
     inverse_gamma: vec4<f32>,
+    // Of red, green and blue: texels of the light map that all pixels have.
+    even_weights: array<vec4<f32>, 3>,
     // Sides of one texel of the source, in its coordinates.
     texel: vec2<f32>,
     pad: vec2<f32>,
@@ -75,6 +77,8 @@ override TAPS_ACROSS: u32 = 1u;
 override TAPS_DOWN: u32 = 1u;
 override COLORED: bool = false;
 override WEIGHTED: bool = false;
+// All pixels that are drawn have the same weights.
+override EVEN: bool = false;
 // Red, green and blue have weights of their own.
 override TINTED: bool = false;
 // Of the upright picture, in pixels.
@@ -194,7 +198,10 @@ fn noise(pixel: vec2<u32>) -> vec3<f32> {
 
 // Factor and addend of a layer of the light map.
 fn weight_at(place: vec2<f32>, layer: i32) -> vec2<f32> {
-    let bytes = textureSampleLevel(light_map, map_sampler, place, layer, 0.0);
+    var bytes = correction.even_weights[layer];
+    if !EVEN {
+        bytes = textureSampleLevel(light_map, map_sampler, place, layer, 0.0);
+    }
     return (bytes.xz + 256.0 * bytes.yw) / 257.0;
 }
 

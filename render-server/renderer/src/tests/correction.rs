@@ -229,6 +229,54 @@ fn light_becomes_codes_as_said() {
     }
 }
 
+/// A light map of ramps around a part whose pixels all have the same weights; with `specks` one
+/// texel in each 8 × 8 differs, so that no part of it is even.
+fn map_with_even_part(is_tinted: bool, specks: bool) -> BlendMapDesc {
+    let texel = |layer: u16, x: u32, y: u32| {
+        let ramp = |at: u32, low: u32, high: u32| {
+            f64::from(low.saturating_sub(at).max(at.saturating_sub(high))) / 40.0
+        };
+        let away = ramp(x, 21, 74) + ramp(y, 9, 49);
+        let factor = (1.0 - away).max(0.0) * 50_000.0 + f64::from(layer) * 1000.0;
+        let speck = u16::from(specks && x % 8 == 3 && y % 8 == 5);
+        [factor as u16 + 10_000 * speck, 3000 + 500 * layer + (away * 9000.0) as u16]
+    };
+    let layers = if is_tinted { 3 } else { 1 };
+    let places = (0..layers)
+        .flat_map(|layer| (0..SIZE[1]).flat_map(move |y| (0..SIZE[0]).map(move |x| (layer, x, y))));
+    let texels = places.map(|(layer, x, y)| texel(layer, x, y)).collect();
+    BlendMapDesc { texels, multiply: 1.0, add: DVec3::new(0.1, 0.2, 0.15) }
+}
+
+#[test]
+fn pixels_with_even_weights_are_as_those_of_a_map() {
+    let source = light(&scene(AlphaMode::Opaque), 1, &[view(), view()]);
+    for turn in [Orientation::None, Orientation::Left, Orientation::Right, Orientation::Half] {
+        for (is_mirrored, packing, is_tinted) in [
+            (false, StereoPacking::None, false),
+            (true, StereoPacking::SideBySide, true),
+            (false, StereoPacking::TopBottom, false),
+            (true, StereoPacking::Anaglyph, true),
+        ] {
+            let draw = |specks| {
+                let light_map = Some(Arc::new(map_with_even_part(is_tinted, specks)));
+                let dither = Some(3);
+                let desc =
+                    CorrectionDesc { turn, is_mirrored, packing, light_map, dither, ..identity() };
+                corrected(&source, desc)
+            };
+            let (even, specked) = (draw(false), draw(true));
+            let [differ, by_more_than_one, _] = differences(&even, &specked);
+            let pictures = even.len() / (SIZE[0] * SIZE[1]) as usize;
+            let specks = pictures * (SIZE[0] * SIZE[1] / 64) as usize;
+            let case = format!("{turn:?}, mirrored: {is_mirrored}, {packing:?}: {differ}");
+            // Of two programs one may round a code up and the other one down.
+            assert!(by_more_than_one <= specks, "{case}, {by_more_than_one} by more than one");
+            assert!((specks / 2..=specks + 8).contains(&differ), "{case} of {specks}");
+        }
+    }
+}
+
 #[test]
 fn blend_weights_keep_their_sum() {
     let weights: Vec<f64> = (0..=4096).map(|step| f64::from(step) / 4096.0).collect();

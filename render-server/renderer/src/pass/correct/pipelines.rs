@@ -38,6 +38,8 @@ struct Key {
     is_exact: bool,
     is_colored: bool,
     is_weighted: bool,
+    /// All of its pixels have the same weights.
+    is_even: bool,
     /// Red, green and blue have weights of their own.
     is_tinted: bool,
     is_fine: bool,
@@ -70,7 +72,7 @@ impl Sampling {
 }
 
 impl Key {
-    fn new(desc: &CorrectionDesc, sampling: Sampling, eye: usize) -> Self {
+    fn new(desc: &CorrectionDesc, sampling: Sampling, (eye, is_even): (usize, bool)) -> Self {
         let pixels = desc.upright[0] as usize * desc.upright[1] as usize;
         Self {
             sampling,
@@ -79,6 +81,7 @@ impl Key {
             is_exact: desc.warp.is_none(),
             is_colored: desc.color != DMat3::IDENTITY,
             is_weighted: desc.light_map.is_some(),
+            is_even,
             is_tinted: desc.light_map.as_ref().is_some_and(|map| map.texels.len() > pixels),
             is_fine: desc.is_fine,
             is_anaglyph: desc.packing == StereoPacking::Anaglyph,
@@ -91,7 +94,7 @@ impl Key {
         }
     }
 
-    fn constants(&self, gpu: &Gpu) -> [(&'static str, f64); 16] {
+    fn constants(&self, gpu: &Gpu) -> [(&'static str, f64); 17] {
         let flag = |on: bool| f64::from(u8::from(on));
         [
             ("EYE", self.eye as f64),
@@ -104,6 +107,7 @@ impl Key {
             ("TAPS_DOWN", f64::from(self.sampling.taps[1])),
             ("COLORED", flag(self.is_colored)),
             ("WEIGHTED", flag(self.is_weighted)),
+            ("EVEN", flag(self.is_even)),
             ("TINTED", flag(self.is_tinted)),
             ("CURVE", f64::from(self.curve)),
             ("DITHERED", flag(self.dither.is_some())),
@@ -143,20 +147,20 @@ impl Pipelines {
         }
     }
 
-    /// Returns whether the pipeline of an eye is there.
-    pub fn has(&self, desc: &CorrectionDesc, sampling: Sampling, eye: usize) -> bool {
-        self.made.contains_key(&Key::new(desc, sampling, eye))
+    /// Returns whether the pipeline of an eye is there, for even weights or others.
+    pub fn has(&self, desc: &CorrectionDesc, sampling: Sampling, part: (usize, bool)) -> bool {
+        self.made.contains_key(&Key::new(desc, sampling, part))
     }
 
-    /// The pipeline of an eye; compiled where there is none like it.
+    /// The pipeline of an eye, for even weights or others; compiled where there is none like it.
     pub fn of(
         &mut self,
         gpu: &Gpu,
         desc: &CorrectionDesc,
         sampling: Sampling,
-        eye: usize,
+        part: (usize, bool),
     ) -> wgpu::RenderPipeline {
-        let key = Key::new(desc, sampling, eye);
+        let key = Key::new(desc, sampling, part);
         if let Some(made) = self.made.get(&key) {
             return made.clone();
         }
