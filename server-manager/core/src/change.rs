@@ -66,7 +66,7 @@ impl Cluster {
             return;
         }
         self.changes.queue.push_back(change);
-        self.hasten_obsolete(now);
+        self.hasten_expiry(now);
         self.advance_change(now);
     }
 
@@ -121,6 +121,7 @@ impl Cluster {
             let underway =
                 InFlightChange { change, replica, digest, expires, failed, told_percent };
             self.changes.current = Some(underway);
+            self.hasten_expiry(now);
             let everyone = self.registry.servers().map(|(id, _)| id).collect();
             self.send_due_prepares(everyone);
             self.tell_preparing();

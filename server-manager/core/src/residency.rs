@@ -24,7 +24,7 @@ const CHANGE_FACTOR: Micros = 4;
 /// Time after which a part is asked for again that servers could not get ready.
 const RETRY_PERIOD: Micros = 10_000_000;
 
-/// Maximum time for which another part is waited for: others wait behind it, and there is a part.
+/// Maximum time for which another part is waited for: there is one that is shown until then.
 pub(super) const PART_TIME_MAX: Micros = 10_000_000;
 
 /// What frames are seen from, and when servers are told.

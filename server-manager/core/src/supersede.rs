@@ -1,8 +1,9 @@
-//! Scenes that nobody waits for any more: another one was asked for while they were prepared.
+//! Changes that stand in the way of others: scenes that nobody waits for any more, as another one
+//! was asked for while they were prepared, and parts of a scene, for which nobody waits at all.
 //!
 //! A heavy scene may take servers minutes. Once another scene waits behind it, it is given a
-//! moment to be ready all the same, and is then refused; servers that still work on it are sent
-//! what is wanted now, and stop.
+//! moment to be ready all the same, and is then refused; so is a part behind which any change
+//! waits. Servers that still work on it are sent what is wanted now, and stop.
 
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::ids::Revision;
@@ -16,6 +17,10 @@ use super::{ClientRequest, Cluster, Micros};
 /// take less, and are shown in their turn. The client that opened the next one waits no longer than
 /// this.
 const OBSOLETE_TIME_MAX: Micros = 500_000;
+
+/// Maximum time for which a part of a scene may still become ready once another change waits behind
+/// it: most take less, and what was read for it is in the servers' caches when it is tried again.
+const PART_HOLD_MAX: Micros = 2_000_000;
 
 /// A state that a server was sent and has not answered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -56,13 +61,22 @@ impl ChangeQueue {
         let Some(Some(scene)) = self.current().and_then(StateChange::scene) else { return false };
         self.queued().filter_map(StateChange::scene).any(|waiting| waiting != Some(scene))
     }
+
+    /// Returns whether a change waits behind a part of the scene.
+    fn waits_for_part(&self) -> bool {
+        let current = self.current().map(|change| &change.purpose);
+        matches!(current, Some(ChangeOrigin::Residency)) && self.waiting() > 0
+    }
 }
 
 impl Cluster {
-    /// Lets the scene on its way expire soon if it is obsolete.
-    pub(super) fn hasten_obsolete(&mut self, now: Micros) {
+    /// Lets the change on its way expire soon if it is a scene that is obsolete, or a part of one
+    /// behind which others wait.
+    pub(super) fn hasten_expiry(&mut self, now: Micros) {
         if self.changes.is_obsolete() {
             self.changes.expire_by(now + OBSOLETE_TIME_MAX);
+        } else if self.changes.waits_for_part() {
+            self.changes.expire_by(now + PART_HOLD_MAX);
         }
     }
 

@@ -172,11 +172,13 @@ fn a_part_that_takes_for_ever_is_given_up_and_does_not_hold_others() {
     let mut stage = ClusterFixture::limited();
     let before = stage.cluster.shown.clone();
     stage.look(at(10.0));
-    let id = stage.request(Request::CloseScene);
     stage.prepare(SessionId(0));
-    stage.live_for(9_000_000);
+    stage.live_for(5_000_000);
+    let id = stage.request(Request::CloseScene);
+    stage.live_for(1_900_000);
     assert!(!stage.replies.iter().any(|(of, _)| *of == id));
-    stage.live_for(1_100_000);
+    assert_eq!(stage.prepares.len(), 1, "the part may still come");
+    stage.live_for(200_000);
     assert_eq!(stage.cluster.shown, before, "no channel is left behind for it");
     assert_eq!([0, 1].map(|index| stage.state(index)), [ChannelState::Live; 2]);
     // The slow one has to answer, and is told of what was asked for since.
@@ -187,6 +189,16 @@ fn a_part_that_takes_for_ever_is_given_up_and_does_not_hold_others() {
     assert!(!stage.look(at(30.0)), "nothing is held");
     stage.live_for(5_000_000);
     assert!(stage.prepares.is_empty());
+}
+
+#[test]
+fn a_part_for_which_nobody_else_waits_has_ten_seconds() {
+    let mut stage = ClusterFixture::limited();
+    stage.look(at(10.0));
+    stage.prepare(SessionId(0));
+    stage.live_for(9_000_000);
+    stage.prepare(SessionId(1));
+    assert_eq!(stage.cluster.shown.seen_from.len(), 1);
 }
 
 #[test]
