@@ -374,6 +374,8 @@ impl Cluster {
         if self.pipeline.frame(frame).is_some() {
             span::frame_span(frame).in_scope(|| self.registry.record_miss(channel, now, reason));
             self.stop_waiting_for(&[channel], now);
+            // A change does not wait for late channels.
+            self.advance_change(now);
         }
     }
 
@@ -422,6 +424,7 @@ impl Cluster {
         }
         let feedback = self.aggregate(&barrier, now);
         let is_awaited = !barrier.awaited.is_empty();
+        let has_missed = !barrier.waited.is_empty();
         let is_complete = feedback.is_complete();
         let limiting = barrier.limiting_channel();
         let is_ahead = barrier.is_ahead;
@@ -452,6 +455,10 @@ impl Cluster {
             }
             // A capture is answered with its pictures.
             Some(_) | None => {}
+        }
+        if has_missed {
+            // A change does not wait for late channels.
+            self.advance_change(now);
         }
     }
 

@@ -67,22 +67,27 @@ impl Cluster {
 
     /// Sends each of these servers what it must prepare next, if it owes no answer: the shown
     /// state whole, or the change on its way from there. A server that is busy with an older
-    /// state is so never sent more than one thing; one that is busy with a scene that is not
-    /// wanted any more is sent one thing beside it, and stops. One that failed is left its pause.
+    /// state is so never sent more than one thing; one that is busy with another scene, or with a
+    /// change that was refused, is sent one thing beside it, and stops. One that failed is left its pause.
     pub(super) fn send_due_prepares(&mut self, sessions: Vec<SessionId>) {
         let (mut to_snapshot, mut to_change) = (Vec::new(), Vec::new());
         let shown = self.shown.revision;
         let shown_scene = self.shown.scene.as_ref().map(|scene| scene.manifest);
         let next = self.changes.revision();
         let next_scene = next.map_or(shown_scene, |_| self.changes.scene());
+        let changes = &self.changes;
+        let is_wanted = |owed: &Owed| {
+            [shown_scene, next_scene].contains(&owed.scene)
+                && !changes.is_refused(shown, owed.revision)
+        };
         for session in sessions {
             let Some(server) = self.registry.server_mut(session) else { continue };
             if next.is_some() && server.prepared == next {
                 continue;
             }
             let is_behind = server.prepared != Some(shown);
-            let may_change = next.is_some() && !self.changes.has_failed_on(session);
-            if !(is_behind || may_change) || !server.may_be_sent([shown_scene, next_scene]) {
+            let may_change = next.is_some() && !changes.has_failed_on(session);
+            if !(is_behind || may_change) || !server.may_be_sent(is_wanted) {
                 continue;
             }
             if is_behind {

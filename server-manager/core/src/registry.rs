@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use polyptych_files::blob::BlobHash;
 use polyptych_protocol::feedback::ChannelState;
 use polyptych_protocol::handshake::{Adapter, ServerHello};
 use polyptych_protocol::ids::{FrameId, Revision};
@@ -79,14 +78,14 @@ impl ServerEntry {
         }
     }
 
-    /// Returns whether it may be sent a state of one of these scenes. What it owes is given up for
-    /// that if it is of another scene: the server stops to work on it.
-    pub fn may_be_sent(&mut self, scenes: [Option<BlobHash>; 2]) -> bool {
+    /// Returns whether it may be sent another state. What it owes is given up for that if it is not
+    /// wanted any more: the server stops to work on it.
+    pub fn may_be_sent(&mut self, is_wanted: impl FnOnce(&Owed) -> bool) -> bool {
         if self.retry_at.is_some() {
             return false;
         }
         let Some(owed) = self.owes else { return true };
-        if self.obsolete.is_some() || scenes.contains(&owed.scene) {
+        if self.obsolete.is_some() || is_wanted(&owed) {
             return false;
         }
         self.obsolete = self.owes.take().map(|owed| owed.revision);

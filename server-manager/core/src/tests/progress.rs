@@ -158,3 +158,25 @@ fn a_wall_of_late_channels_opens_a_scene_when_the_first_has_it() {
     assert!(is_answered(&stage), "the others may hang");
     assert_eq!(stage.openings(), [] as [String; 0]);
 }
+
+#[test]
+fn a_change_that_a_late_channel_has_is_shown_once_the_others_are_late_too() {
+    let mut stage = ClusterFixture::new(2);
+    stage.order_frame();
+    stage.draw(&[1], 1_000);
+    stage.wait(100_000);
+    assert_eq!(stage.state(0), ChannelState::Late);
+    let id = stage.request(Request::OpenScene { path: "town.glb".into(), scene: None });
+    let job = stage.imports[0];
+    stage.cluster.handle_import(stage.now, job, Ok(ClusterFixture::imported()));
+    stage.read();
+    stage.prepare(SessionId(0));
+    let is_answered = |stage: &ClusterFixture| stage.replies.iter().any(|(of, _)| *of == id);
+    assert!(!is_answered(&stage), "the other one is in time");
+    // The one in time hangs: neither does it draw, nor get ready.
+    stage.order_frame();
+    stage.draw(&[0], 1_000);
+    stage.wait(100_000);
+    assert_eq!(stage.state(1), ChannelState::Preparing, "it has not the scene that is shown");
+    assert!(is_answered(&stage));
+}

@@ -192,6 +192,27 @@ fn a_part_that_takes_for_ever_is_given_up_and_does_not_hold_others() {
 }
 
 #[test]
+fn an_effect_waits_two_seconds_behind_a_part_and_costs_no_display() {
+    let mut stage = ClusterFixture::limited();
+    stage.look(at(10.0));
+    stage.prepare(SessionId(0));
+    let (_, part) = stage.prepares.remove(0);
+    let id = stage.request(Request::SetFog(Some(polyptych_scene::Fog::even(90.0))));
+    stage.live_for(1_900_000);
+    assert!(stage.prepares.is_empty(), "the part may still come");
+    stage.live_for(200_000);
+    // Also the slow one is sent the change, whole, and stops to work on the part.
+    let sent: Vec<_> = stage.prepares.iter().map(|(to, of)| (*to, of.base)).collect();
+    assert_eq!(sent, [(SessionId(0), None), (SessionId(1), None)]);
+    let (epoch, revision) = (Epoch(7), part.revision);
+    let reason = "a newer preparation has come".into();
+    stage.say(SessionId(1), ServerMessage::PrepareFailed { epoch, revision, reason });
+    stage.prepare_all();
+    assert!(stage.replies.contains(&(id, Ok(Response::Done))), "{:?}", stage.replies);
+    assert_eq!([0, 1].map(|index| stage.state(index)), [ChannelState::Live; 2]);
+}
+
+#[test]
 fn a_part_for_which_nobody_else_waits_has_ten_seconds() {
     let mut stage = ClusterFixture::limited();
     stage.look(at(10.0));

@@ -221,14 +221,14 @@ impl InvariantChecker {
         command: &Command,
     ) -> Check {
         match command {
-            Command::Prepare(prepare) => self.prepare_sent(to, prepare),
+            Command::Prepare(prepare) => self.prepare_sent(cluster, to, prepare),
             Command::Frame(frame) => self.frame_sent(cluster, to, frame),
             Command::Swap(swap) => self.swap_sent(now, cluster, before, to, swap),
             Command::Pong(_) | Command::Goodbye(_) => Ok(()),
         }
     }
 
-    fn prepare_sent(&mut self, to: &[SessionId], prepare: &Prepare) -> Check {
+    fn prepare_sent(&mut self, cluster: &Cluster, to: &[SessionId], prepare: &Prepare) -> Check {
         let scene = prepare.operations.iter().rev().find_map(|operation| match operation {
             Operation::OpenScene(scene) => Some(Some(scene.manifest)),
             Operation::CloseScene => Some(None),
@@ -245,8 +245,11 @@ impl InvariantChecker {
             let Some(joined) = self.joined.get_mut(session) else { continue };
             let scene = scene.unwrap_or(joined.scene);
             if let Some(owed) = joined.owes.replace(prepare.revision) {
-                // But for another scene: then it stops, and what it does is of no use.
-                if scene == joined.scene || joined.obsolete.replace(owed).is_some() {
+                // But for another scene, or a refused change: then it stops, and what it does is of
+                // no use.
+                let is_refused = cluster.changes.is_refused(cluster.shown.revision, owed);
+                let is_useful = scene == joined.scene && !is_refused;
+                if is_useful || joined.obsolete.replace(owed).is_some() {
                     return Err(format!(
                         "{session:?} is sent revision {} while it owes {owed}",
                         prepare.revision
