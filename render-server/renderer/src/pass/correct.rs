@@ -137,10 +137,10 @@ impl Correction {
     pub fn is_warm(&self, eyes: &[EyeAtlas], taps: [u32; 2]) -> bool {
         let sampling = Sampling::new(eyes, taps);
         let pipelines = self.pipelines.borrow();
-        let has_even = self.light_map.even.is_some();
         (0..self.desc.packing.eyes()).all(|eye| {
-            let has = |is_even| pipelines.has(&self.desc, sampling, (eye, is_even));
-            has(false) && (!has_even || has(true))
+            let areas = self.areas(eye);
+            let mut kinds = areas.iter().map(|(_, is_even)| (eye, *is_even));
+            kinds.all(|part| pipelines.has(&self.desc, sampling, part))
         })
     }
 

@@ -284,18 +284,21 @@ impl Contraction {
             let cells = steps.filter_map(|[i, j, k]| {
                 cells.get(&[x.saturating_add(i), y.saturating_add(j), z.saturating_add(k)])
             });
-            let mut near: Vec<(f64, u32)> = cells
-                .flatten()
-                .map(|other| (self.positions[*other as usize].distance(position), *other))
-                .filter(|(distance, other)| *distance <= reach && *other != at)
-                .collect();
-            near.sort_unstable_by(|one, two| one.0.total_cmp(&two.0).then(one.1.cmp(&two.1)));
-            let is_other = |other: u32| {
-                surfaces_at[at as usize].is_disjoint(&surfaces_at[other as usize])
-                    || self.pairs[at as usize].contains(&other)
-            };
-            near.retain(|(_, other)| !is_other(*other));
-            for (_, other) in near.into_iter().take(NEAR_MAX) {
+            let (own, known) = (&surfaces_at[at as usize], &self.pairs[at as usize]);
+            let is_other =
+                |at: u32| own.is_disjoint(&surfaces_at[at as usize]) || known.contains(&at);
+            // The nearest first. Few get as far as a look at their surfaces.
+            let mut near: Vec<(f64, u32)> = Vec::with_capacity(NEAR_MAX + 1);
+            for &other in cells.flatten().filter(|other| **other != at) {
+                let distance = self.positions[other as usize].distance(position);
+                let order = |of: &(f64, u32)| of.0.total_cmp(&distance).then(of.1.cmp(&other));
+                let rank = near.partition_point(|known| order(known).is_lt());
+                if distance <= reach && rank < NEAR_MAX && !is_other(other) {
+                    near.insert(rank, (distance, other));
+                    near.truncate(NEAR_MAX);
+                }
+            }
+            for (_, other) in near {
                 self.pairs[at as usize].insert(other);
                 self.pairs[other as usize].insert(at);
             }

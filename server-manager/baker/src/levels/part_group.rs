@@ -67,8 +67,9 @@ pub(super) fn groups(parts: &[&PartPoints]) -> Vec<PartGroup> {
     order.sort_by(|one, two| part(*one).low[axis].total_cmp(&part(*two).low[axis]));
     let mut open: Vec<u32> = Vec::new();
     for at in order {
-        let from = part(at).low[axis] - GAP * part(at).width;
-        open.retain(|other| part(*other).high[axis] >= from);
+        // No farther from a part than by its own width is one that lies beside it.
+        let reach = |other: &PartPoints| other.high[axis] + GAP * other.width;
+        open.retain(|other| reach(part(*other)) >= part(at).low[axis]);
         for other in &open {
             if part(at).is_beside(part(*other)) {
                 chart::join(&mut parents, [at, *other, *other]);
@@ -260,6 +261,15 @@ mod tests {
         let [(count, width)] = widths(&blades)[..] else { panic!("one group") };
         assert_eq!(count, 1000);
         assert!((5.0..12.0).contains(&width), "{width}");
+    }
+
+    #[test]
+    fn a_speck_between_wide_parts_keeps_none_from_the_other() {
+        let wide = |x: f64| rectangle([x, 0.0], [2.0, 2.0]);
+        let speck = rectangle([2.1, 1.0], [0.01, 0.01]);
+        let mut groups = widths(&[wide(0.0), speck, wide(2.2)]);
+        groups.sort_by_key(|(count, _)| *count);
+        assert_eq!(groups.iter().map(|(count, _)| *count).collect::<Vec<_>>(), [1, 2]);
     }
 
     #[test]

@@ -17,8 +17,9 @@ use crate::target::DISPLAY_FORMAT;
 const SOURCE: &str = include_str!("../correct.wgsl");
 
 /// Pipelines of one channel that are kept, at most: those of the last numbers of planes and taps,
-/// of two eyes, of the last kinds of curves. Beyond it all are made anew.
-const PIPELINES_MAX: usize = 64;
+/// of two eyes, with even weights and others, of the last kinds of curves. Beyond it all are made
+/// anew.
+const PIPELINES_MAX: usize = 128;
 
 /// The part of a pipeline's key that may change from frame to frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
