@@ -5,6 +5,7 @@
 //! three rises have not halved what is too much: doubles with each frame
 //! on time, by less than it falls for: stays
 //! faster for 8 frames: falls by 3 % a frame, but not to where it was too slow lately
+//! room for 64 frames, but not for a step of resolution if time goes into pixels: tries one
 //! a late channel is too slow 8 times: not heard until the wall waits for it again
 //! ```
 //!
@@ -48,6 +49,10 @@ const SOONER_RISES: u32 = 3;
 /// The least factor of these rises.
 const SOONER_FACTOR: f64 = 2.0;
 
+/// Times that [`ROOM_FRAMES`] had room, but less than a step of resolution may need, before it is
+/// tried all the same: the time may not go into pixels.
+const TRIAL_ROUNDS: u32 = 8;
+
 /// The least bound above 0, in pixels: the first step up, and where falling ends.
 const STEP_PX: f64 = 0.0625;
 
@@ -74,6 +79,9 @@ pub(super) struct RateBound {
     roomy: u32,
     /// The largest share of the budget that these took.
     peak: f64,
+    /// Times that there was room since then, but not for a step of resolution.
+    #[serde(default)]
+    narrow: u32,
     /// The bound that was too slow lately.
     slow: Reduction,
     /// Frames for which it is remembered, and for how many it was remembered from the first.
@@ -130,6 +138,7 @@ impl RateBound {
             (self.unmet, self.rises) = (0, 0);
             let (roomy, peak) = (self.roomy + 1, self.peak.max(used));
             (self.roomy, self.peak) = if used < ROOM_FRACTION { (roomy, peak) } else { (0, 0.0) };
+            self.narrow = if self.roomy > 0 { self.narrow } else { 0 };
             if self.roomy >= ROOM_FRAMES {
                 self.fall(self.in_force(asked));
             }
@@ -168,6 +177,7 @@ impl RateBound {
         let [first, most] = HOLD_FRAMES;
         self.hold_from = if is_same { (self.hold_from * 2).clamp(first, most) } else { first };
         (self.slow, self.hold, self.roomy, self.peak) = (with, self.hold_from, 0, 0.0);
+        self.narrow = 0;
         self.unmet = if with >= Reduction::MAX { self.unmet.saturating_add(1) } else { 0 };
         if self.rises == 0 || used - 1.0 < 0.5 * self.excess {
             (self.excess, self.rises) = (used - 1.0, 0);
@@ -194,9 +204,11 @@ impl RateBound {
             // counted anew for each step.
             let has_room = self.peak * more < ROOM_FRACTION;
             (self.roomy, self.peak) = (0, 0.0);
-            if !has_room {
+            self.narrow = if has_room { 0 } else { self.narrow + 1 };
+            if !has_room && (self.hold > 0 || self.narrow < TRIAL_ROUNDS) {
                 return;
             }
+            self.narrow = 0;
         }
         self.in_force = lower;
     }

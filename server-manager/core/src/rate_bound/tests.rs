@@ -202,6 +202,19 @@ fn resolution_comes_back_slowly_when_the_load_goes() {
 }
 
 #[test]
+fn resolution_comes_back_where_time_does_not_go_into_pixels() {
+    // A stall of six frames; all others take 70 % of their time, whatever they draw.
+    let stall = |frame: u32| (100..106).contains(&frame);
+    let time = |frame| if stall(frame) { 4.0 * PERIOD_US } else { 0.63 * PERIOD_US };
+    let (all, late) = reductions(800, |frame, _| time(frame));
+    assert_eq!(late, 6);
+    let steps: Vec<u8> = all.iter().map(|reduction| reduction.resolution_steps()).collect();
+    assert!(steps[110] >= 2, "{steps:?}");
+    assert_eq!(steps[799], 0, "{steps:?}");
+    assert!(steps[110..].windows(2).all(|pair| pair[1] <= pair[0]), "no way back: {steps:?}");
+}
+
+#[test]
 fn an_error_bound_that_was_asked_for_does_not_lower_the_resolution() {
     let bound = RateBound::default();
     for error_px in [0.0, 7.0, 20.0, ERROR_PX_MAX] {
