@@ -255,6 +255,11 @@ impl Cluster {
         all
     }
 
+    /// Returns whether a channel has drawn more than its first frames, which take longer.
+    fn is_warm(&self, id: ChannelId) -> bool {
+        self.registry.channel(id).is_some_and(|channel| channel.frames_drawn > WARM_UP_FRAMES)
+    }
+
     /// Scene time of the frame that begins: of one that nobody has ordered, that of the last one.
     fn time_of(&mut self, order: Option<&FrameRequest>, now: Micros) -> f64 {
         if self.is_timed(order) || self.frame.0 <= 1 {
@@ -328,7 +333,7 @@ impl Cluster {
         self.registry.record_draw(drawn.channel, drawn.draw_us, now, began, allowed);
         if is_awaited {
             self.rate_bound.record_awaited(drawn.channel);
-        } else if let Some((_, reduction)) = beginning {
+        } else if let Some((_, reduction)) = beginning.filter(|_| self.is_warm(drawn.channel)) {
             let draw_us = Micros::from(drawn.draw_us);
             let bounds = &self.presentation.bounds;
             self.rate_bound.add_late(bounds, drawn.channel, draw_us, reduction);
