@@ -97,9 +97,11 @@ impl Transfer {
             let ended = || Broken::Cancelled("the bulk connection has ended".to_owned());
             let piece = piece.ok_or_else(ended)?.map_err(Broken::Useless)?;
             if self.bytes.is_empty() && piece.total >= RESUMED_BYTES_MIN {
-                // Without a file the transfer goes on, but not after its end.
+                // Without a file the transfer goes on, but not after its end. So it does beside
+                // what another server has left there since this one asked from the beginning on.
                 let opened = PartialBlob::open(cache, hash, true).unwrap_or_default();
-                self.partial = opened.map(|(partial, _)| partial);
+                let empty = opened.filter(|(_, begun)| begun.is_empty());
+                self.partial = empty.map(|(partial, _)| partial);
             }
             // All at once: growing would copy it again and again.
             self.bytes.reserve((piece.total as usize).saturating_sub(self.bytes.len()));
