@@ -24,18 +24,21 @@ use crate::store_fault::StoreFault;
 /// Longest time in which a store may answer a request, its retries included.
 const ANSWER_TIME_MAX: Duration = Duration::from_secs(10);
 
-/// Longest time for a connection: beyond it the machine is down.
-const CONNECT_TIME: &str = "3 s";
+/// A limit of a client's requests.
+type Limit = (ClientConfigKey, &'static str);
 
-/// Longest time without a byte of an answer.
-const STALL_TIME: &str = "5 s";
+/// Longest time for a connection: beyond it the machine is down.
+const CONNECTION: Limit = (ClientConfigKey::ConnectTimeout, "3 s");
+
+/// Longest time without a byte of an answer, from the first byte of the request on.
+const ANSWER: Limit = (ClientConfigKey::ReadTimeout, "5 s");
 
 /// Least rate at which a blob must come, in bytes a second, after the time of an answer: a
 /// preparation of the wall waits for it.
 const RATE_MIN: u64 = 256 << 10;
 
 /// Longest time for all bytes of one request: 2 GiB over a link of 30 Mbit/s.
-const TRANSFER_TIME: &str = "600 s";
+const REQUEST: Limit = (ClientConfigKey::Timeout, "600 s");
 
 /// Further tries of a request that a store could not serve just now.
 const RETRIES_MAX: usize = 2;
@@ -54,6 +57,8 @@ const PARTS_MAX: usize = 2;
 pub struct RemoteStore {
     url: StoreUrl,
     store: Box<dyn ObjectStore>,
+    /// For uploads, which are answered once all bytes are there: a slow link is no stall.
+    uploads: Box<dyn ObjectStore>,
 }
 
 impl RemoteStore {
@@ -67,8 +72,11 @@ impl RemoteStore {
         if CryptoProvider::get_default().is_none() {
             let _ = ring::default_provider().install_default();
         }
-        let store = build(&url).map_err(|error| StoreFault::of_store(&url, &error))?;
-        Ok(Self { url, store })
+        let build = |limits| build(&url, limits);
+        let fault = |error| StoreFault::of_store(&url, &error);
+        let store = build(&[CONNECTION, ANSWER, REQUEST]).map_err(fault)?;
+        let uploads = build(&[CONNECTION, REQUEST]).map_err(fault)?;
+        Ok(Self { url, store, uploads })
     }
 
     /// The store's address.
@@ -169,10 +177,10 @@ impl RemoteStore {
         // Web servers take no parts.
         if reader.total() <= PART_BYTES || self.is_web() {
             let bytes = self.read_whole(reader).await?;
-            let put = self.store.put(&path, bytes.into());
+            let put = self.uploads.put(&path, bytes.into());
             return put.await.map(drop).map_err(|error| self.fault(&error));
         }
-        let begun = self.store.put_multipart(&path).await;
+        let begun = self.uploads.put_multipart(&path).await;
         let upload = begun.map_err(|error| self.fault(&error))?;
         let mut parts = WriteMultipart::new_with_chunk_size(upload, PART_BYTES as usize);
         if let Err(fault) = self.put_parts(reader, &mut parts).await {
@@ -230,10 +238,7 @@ fn names_no_bucket(error: &StoreError) -> bool {
     ["NoSuchBucket", "ContainerNotFound"].iter().any(|code| text.contains(code))
 }
 
-fn build(url: &StoreUrl) -> object_store::Result<Box<dyn ObjectStore>> {
-    use ClientConfigKey::{AllowHttp, ConnectTimeout, ReadTimeout, Timeout};
-    let limits =
-        [(ConnectTimeout, CONNECT_TIME), (ReadTimeout, STALL_TIME), (Timeout, TRANSFER_TIME)];
+fn build(url: &StoreUrl, limits: &[Limit]) -> object_store::Result<Box<dyn ObjectStore>> {
     let backoff = BackoffConfig { init_backoff: RETRY_FIRST, ..BackoffConfig::default() };
     let retry = RetryConfig { backoff, max_retries: RETRIES_MAX, retry_timeout: ANSWER_TIME_MAX };
     let root = url.root();
@@ -241,31 +246,31 @@ fn build(url: &StoreUrl) -> object_store::Result<Box<dyn ObjectStore>> {
         StoreScheme::S3 => {
             let mut builder = AmazonS3Builder::from_env().with_url(root).with_retry(retry);
             for (key, value) in limits {
-                builder = builder.with_config(AmazonS3ConfigKey::Client(key), value);
+                builder = builder.with_config(AmazonS3ConfigKey::Client(*key), *value);
             }
             Box::new(builder.build()?)
         }
         StoreScheme::Gs => {
             let mut builder = GoogleCloudStorageBuilder::from_env().with_url(root);
             for (key, value) in limits {
-                builder = builder.with_config(GoogleConfigKey::Client(key), value);
+                builder = builder.with_config(GoogleConfigKey::Client(*key), *value);
             }
             Box::new(builder.with_retry(retry).build()?)
         }
         StoreScheme::Az => {
             let mut builder = MicrosoftAzureBuilder::from_env().with_url(root);
             for (key, value) in limits {
-                builder = builder.with_config(AzureConfigKey::Client(key), value);
+                builder = builder.with_config(AzureConfigKey::Client(*key), *value);
             }
             Box::new(builder.with_retry(retry).build()?)
         }
         StoreScheme::Http | StoreScheme::Https => {
             let mut builder = HttpBuilder::new().with_url(root).with_retry(retry);
             for (key, value) in limits {
-                builder = builder.with_config(key, value);
+                builder = builder.with_config(*key, *value);
             }
             let is_plain = url.scheme() == StoreScheme::Http;
-            Box::new(builder.with_config(AllowHttp, is_plain.to_string()).build()?)
+            Box::new(builder.with_config(ClientConfigKey::AllowHttp, is_plain.to_string()).build()?)
         }
     })
 }
