@@ -109,6 +109,13 @@ impl Moves {
     }
 }
 
+/// The nodes that edits gave a mesh that bends: its vertices are those of all who show it.
+fn sharers(base: &Scene, edits: &SceneEdits) -> impl Iterator<Item = NodeId> {
+    let bends = |mesh: u32| base.deformations.iter().any(|of| of.mesh == mesh);
+    let shown = edits.nodes().filter(move |(_, of)| of.given_mesh().is_some_and(bends));
+    shown.map(|(node, _)| node)
+}
+
 impl Motion {
     /// The moving parts of a scene of which `placed` has the nodes, with edits that differ from
     /// those it was placed with in places only. `None` where nothing ever moves by itself.
@@ -133,8 +140,10 @@ impl Motion {
                 tops.insert(index, Moves::Joints(at));
             }
         }
-        for node in motion.looks.nodes().chain(motion.lamps(edits)) {
-            if let Some(index) = placed.index_of(NodeId(node.into())) {
+        let of_file = motion.looks.nodes().chain(motion.lamps(edits));
+        let of_file = of_file.map(|node| NodeId(node.into()));
+        for node in of_file.chain(sharers(base, edits)) {
+            if let Some(index) = placed.index_of(node) {
                 tops.entry(index).or_insert(Moves::Never);
             }
         }
@@ -241,11 +250,19 @@ impl Motion {
 
     /// Returns whether a clip may turn something inside out.
     pub fn may_mirror(&self) -> bool {
+        // Clips may take away what turns a node inside out at rest.
+        let is_turned = |mover: &Mover| match mover.moves {
+            Moves::Animated(_, rest) => {
+                [rest, mover.local].iter().any(|local| local.matrix3.determinant() < 0.0)
+            }
+            Moves::Never | Moves::Joints(_) => false,
+        };
         let mut channels = self.base.animations.clips.iter().flat_map(|clip| &clip.channels);
-        channels.any(|channel| {
+        let has_negative = channels.any(|channel| {
             let is_scale = channel.path == AnimatedPath::Scale;
             is_scale && channel.values.iter().any(|value| *value < 0.0)
-        })
+        });
+        has_negative || self.movers.iter().any(is_turned)
     }
 
     /// Returns whether these clips move anything, a skeleton was edited, or looks are as they are

@@ -41,6 +41,12 @@ pub struct NodeEdits {
 }
 
 impl NodeEdits {
+    /// The mesh that edits gave the node, which may be made by them; `None` if it has no mesh or
+    /// that of the file.
+    pub fn given_mesh(&self) -> Option<u32> {
+        self.mesh.unwrap_or_else(|| self.created.as_ref().and_then(|new| new.mesh))
+    }
+
     /// Returns whether no more of what is drawn differs than where the node is.
     pub(crate) fn differs_in_place_only(&self, other: &Self) -> bool {
         // Whatever else there is of a node, or comes to be, counts as drawn.

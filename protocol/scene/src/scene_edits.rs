@@ -186,9 +186,7 @@ impl SceneEdits {
         if self.assets.is_empty() {
             return Vec::new();
         }
-        let of_nodes = self.nodes().filter_map(|(_, of)| {
-            of.mesh.unwrap_or_else(|| of.created.as_ref().and_then(|new| new.mesh))
-        });
+        let of_nodes = self.nodes().filter_map(|(_, of)| of.given_mesh());
         let meshes: BTreeSet<u32> = of_nodes.collect();
         let of_materials = self.materials.values().flat_map(|material| material.value.textures());
         let textures: BTreeSet<u32> = of_materials.map(|of| of.texture).collect();

@@ -66,6 +66,32 @@ fn what_hangs_from_an_animated_node_goes_with_it_and_nothing_else_does() {
 }
 
 #[test]
+fn a_clip_may_turn_around_what_is_inside_out_at_rest() {
+    let mut base = (*scene()).clone();
+    base.nodes[1].local = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+    let base = Arc::new(base);
+    assert!(motion(&base, &SceneEdits::default()).may_mirror());
+    let local = DAffine3::from_scale(DVec3::new(1.0, 1.0, -2.0));
+    let edits = edited([Edit::SetTransform { node: NodeId(1), local }]);
+    assert!(motion(&scene(), &edits).may_mirror());
+}
+
+#[test]
+fn all_nodes_that_show_a_mesh_that_bends_are_bent() {
+    let mut base = (*scene()).clone();
+    let (mesh, node) = (4, 1);
+    let (skin, weights, weights_of) = (None, vec![0.5], None);
+    base.deformations = vec![Deformation { mesh, node, skin, weights, weights_of }];
+    let base = Arc::new(base);
+    let of_house = |mesh| edited([Edit::SetMesh { node: NodeId(3), mesh }]);
+    let movers = |edits: &SceneEdits| motion(&base, edits).movers().collect::<Vec<_>>();
+    assert_eq!(movers(&of_house(Some(4))), [1, 2, 3]);
+    assert_eq!(movers(&of_house(Some(5))), [1, 2]);
+    let new = crate::NewNode { mesh: Some(4), ..crate::NewNode::default() };
+    assert_eq!(movers(&edited([Edit::Create { node: NodeId(9), new: new.into() }])), [1, 2, 4]);
+}
+
+#[test]
 fn a_node_that_was_put_elsewhere_moves_from_there() {
     let base = scene();
     let edits = edited([moved(1, 7.0)]);

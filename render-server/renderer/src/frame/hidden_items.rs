@@ -108,6 +108,8 @@ impl FrameResources {
                 .map_err(|reason| DrawError::View { index, reason })?;
         }
         let Some(touched) = lists.iter().filter_map(|list| list.touched).reduce(around) else {
+            // All that would hide others was hidden, by what has gone: the next frame begins anew.
+            target.occlusion.hidden.clear();
             return Ok(None);
         };
         let size = target.size();

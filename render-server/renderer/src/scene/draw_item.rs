@@ -15,6 +15,10 @@ pub(crate) struct Bounds {
 /// Steps of a grid on a length that is a power of two; see [`Bounds::rounded_out`].
 const ROUNDED_STEPS: f64 = 32.0;
 
+/// Volume of what a transform makes of a cube, as a share of that of the box with the same edges,
+/// up to which it is rounding.
+const FLAT_MAX: f64 = 1e-12;
+
 impl Bounds {
     /// Holds nothing; the neutral element of [`Self::union`].
     pub const EMPTY: Self =
@@ -114,6 +118,14 @@ impl Stance {
     pub fn is_mirrored(&self) -> bool {
         self.linear.determinant() < 0.0
     }
+
+    /// Returns whether the transform leaves no volume, and so no winding to turn around; what an
+    /// animation hides is often scaled to 0.
+    pub fn is_flat(&self) -> bool {
+        let [x, y, z] = [self.linear.x_axis, self.linear.y_axis, self.linear.z_axis];
+        let most = x.length() * y.length() * z.length();
+        self.linear.determinant().abs() <= FLAT_MAX * most
+    }
 }
 
 /// One primitive in one place. Its index in the scene's list is the tie-break of every order:
@@ -183,6 +195,8 @@ pub(crate) struct PrimitiveInstance<'a> {
     pub origin: DVec3,
     pub stance: u32,
     pub is_mirrored: bool,
+    /// See [`Stance::is_flat`].
+    pub is_flat: bool,
     pub desc: &'a Primitive,
     pub bounds: Bounds,
 }
@@ -263,6 +277,7 @@ impl<'a> PlacedMesh<'a, '_> {
                     origin: world_from_mesh.transform_point3(desc.origin),
                     stance: stances.len() as u32,
                     is_mirrored: stance.is_mirrored(),
+                    is_flat: stance.is_flat(),
                     desc,
                     bounds: Bounds::around(world_from_mesh, desc),
                 })?;

@@ -118,12 +118,11 @@ impl SceneLayout {
                 layer: layer_bit(traits, placement.node),
                 style: traits.styles.get(placement.node).copied().unwrap_or_default(),
             };
-            let may_mirror = traits.may_mirror && traits.is_moving(placement.node);
             items.push(DrawItem {
                 origin: placement.origin,
                 stance: placement.stance,
                 lamps: lights.lights_affecting(&placement.bounds)?,
-                batch: sorter.batch_of_moving(&desc, look, &placement, may_mirror),
+                batch: sorter.batch_of_moving(&desc, look, &placement, traits),
                 mesh_box: primitive as u32,
                 place: places[placement.node],
             });
@@ -437,10 +436,11 @@ impl<'a> Sorter<'a> {
         desc: &Scene,
         look: Look,
         placement: &PrimitiveInstance<'_>,
-        may_mirror: bool,
+        traits: &NodeTraits,
     ) -> u32 {
         let batch = self.batch_of(desc, look, placement);
-        if may_mirror {
+        // What is flat at rest may come to stand either way.
+        if traits.is_moving(placement.node) && (traits.may_mirror || placement.is_flat) {
             let turned = PrimitiveInstance { is_mirrored: !placement.is_mirrored, ..*placement };
             let twin = self.batch_of(desc, look, &turned);
             self.twins.insert(batch, twin);

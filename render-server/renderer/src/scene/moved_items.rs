@@ -174,8 +174,8 @@ impl MovedItems {
             let index = next;
             next += 1;
             let known = layout.items.get(index as usize).filter(|_| index < end).ok_or(())?;
-            let is_turned =
-                layout.stances[known.stance as usize].is_mirrored() != placed.is_mirrored;
+            let was_mirrored = layout.stances[known.stance as usize].is_mirrored();
+            let is_turned = was_mirrored != placed.is_mirrored && !placed.is_flat;
             let twin = || layout.twins.get(&known.batch).copied().ok_or(());
             let batch = if is_turned { twin()? } else { known.batch };
             let lamps = self.lamps(layout, known, &placed.bounds, known_lamps).ok_or(())?;

@@ -186,6 +186,12 @@ fn too_many_moves_and_items_turned_inside_out_ask_for_a_new_layout() {
     assert!(row(&all).is_none(), "more than half");
     let mirrored = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
     assert!(row(&[(3, mirrored)]).is_none(), "it belongs to another batch");
+    // Scaled to nothing, or nearly, by transforms that mirror or not: there is no winding.
+    let turn = DAffine3::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 1.1);
+    for scale in [DVec3::ZERO, DVec3::new(0.0, -1.0, 1.0), DVec3::new(-1.0, 0.0, 0.0)] {
+        let flat = turn * DAffine3::from_scale(scale) * turn;
+        assert!(row(&[(3, flat)]).is_some(), "{scale}");
+    }
     assert!(row(&[(1000, up)]).is_none(), "there is no such node");
     assert!(row(&[]).is_some_and(|moved| moved.is_empty()));
 }
