@@ -68,7 +68,8 @@ impl Cluster {
     /// Sends each of these servers what it must prepare next, if it owes no answer: the shown
     /// state whole, or the change on its way from there. A server that is busy with an older
     /// state is so never sent more than one thing; one that is busy with another scene, or with a
-    /// change that was refused, is sent one thing beside it, and stops. One that failed is left its pause.
+    /// change that was refused, is sent one thing beside it, and stops. One that failed is left its
+    /// pause.
     pub(super) fn send_due_prepares(&mut self, sessions: Vec<SessionId>) {
         let (mut to_snapshot, mut to_change) = (Vec::new(), Vec::new());
         let shown = self.shown.revision;
