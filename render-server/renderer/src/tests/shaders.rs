@@ -188,7 +188,7 @@ fn uniforms_match_their_twins() {
     twin!("Cell", CellRecord, position, across, down, depth);
     twin!("Eye", EyeRecord, position, clip_x, clip_y, upright_x, upright_y);
     twin! { "Correction", CorrectionUniform, eyes, planes, red, green, blue, light_scale,
-    inverse_gamma, texel }
+    inverse_gamma, even_weights, texel }
     twin! { "Frame", FrameUniform, clip_from_eye, sky, exposure, ground, fog_fall, eye, fog,
     lamp_origin, cells_per_unit, lamp_cells, surroundings, occlusion,
     tone_mapper, suns }
