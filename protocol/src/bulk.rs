@@ -22,6 +22,9 @@ pub enum BulkToManager {
         /// [`polyptych_files::blob::CHUNK_BYTES_MAX`] below the blob's size.
         offset: u64,
     },
+    /// Ends the blob that comes, as nobody wants it any more; answered by
+    /// [`BulkToServer::Stopped`], whether the blob has come whole meanwhile or not.
+    Stop,
 }
 
 /// Messages of the manager over a server's bulk connection.
@@ -37,6 +40,8 @@ pub enum BulkToServer {
         /// The reason.
         reason: String,
     },
+    /// No more comes of the blob before.
+    Stopped,
 }
 
 /// The place of a piece of a blob: of at most [`polyptych_files::blob::CHUNK_BYTES_MAX`] bytes.

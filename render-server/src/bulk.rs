@@ -2,7 +2,7 @@
 
 use std::sync::mpsc::{SyncSender, TrySendError};
 
-use bytes::Bytes;
+use bytes::{Bytes, BytesMut};
 use futures_util::{SinkExt, StreamExt};
 use polyptych_files::blob::CHUNK_BYTES_MAX;
 use polyptych_files::blob::{BLOB_BYTES_MAX, BlobHash};
@@ -90,11 +90,8 @@ async fn fetch(
     want.map_err(|error| error.to_string())?;
     let mut next = offset;
     loop {
-        let message = frames.next().await.ok_or("the manager closed it")?;
-        let message = message.map_err(|error| error.to_string())?;
-        let down = polyptych_protocol::framing::decode::<BulkToServer>(&message)
-            .map_err(|error| error.to_string())?;
-        let chunk = match down {
+        let chunk = match next_answer(frames).await? {
+            BulkToServer::Stopped => return Err("it stopped a blob that is wanted".to_owned()),
             BulkToServer::Missing { hash, reason } => {
                 let missing = Err(format!("blob {hash} is not to be had: {reason}"));
                 // As below.
@@ -103,8 +100,7 @@ async fn fetch(
             }
             BulkToServer::Chunk(chunk) => chunk,
         };
-        let bytes = frames.next().await.ok_or("the manager closed it")?;
-        let bytes = bytes.map_err(|error| error.to_string())?.freeze();
+        let bytes = next_message(frames).await?.freeze();
         let is_next = chunk.hash == hash && chunk.offset == next && !bytes.is_empty();
         next += bytes.len() as u64;
         if !is_next || next > chunk.total || chunk.total > BLOB_BYTES_MAX {
@@ -112,14 +108,39 @@ async fn fetch(
         }
         let is_last = next == chunk.total;
         let piece = Piece { total: chunk.total, bytes };
-        if let Err(TrySendError::Full(_)) = pieces.try_send(Ok(piece)) {
-            return Err(format!("blob {hash} came in more than {PIECES_MAX} pieces"));
-        }
-        // Whoever asked may have been told to stop meanwhile; the rest comes all the same.
-        if is_last {
-            return Ok(());
+        match pieces.try_send(Ok(piece)) {
+            _ if is_last => return Ok(()),
+            Ok(()) => {}
+            Err(TrySendError::Full(_)) => {
+                return Err(format!("blob {hash} came in more than {PIECES_MAX} pieces"));
+            }
+            // Whoever asked was told to stop; what others want must not wait for the rest.
+            Err(TrySendError::Disconnected(_)) => return stop(frames).await,
         }
     }
+}
+
+/// Ends the blob that comes: passes by what of it is already on its way.
+async fn stop(frames: &mut MessageStream<Stream>) -> Result<(), String> {
+    let stop = polyptych_codec::encode(&BulkToManager::Stop);
+    frames.send(stop).await.map_err(|error| error.to_string())?;
+    loop {
+        match next_answer(frames).await? {
+            BulkToServer::Chunk(_) => _ = next_message(frames).await?,
+            BulkToServer::Missing { .. } => {}
+            BulkToServer::Stopped => return Ok(()),
+        }
+    }
+}
+
+async fn next_answer(frames: &mut MessageStream<Stream>) -> Result<BulkToServer, String> {
+    let message = next_message(frames).await?;
+    polyptych_protocol::framing::decode(&message).map_err(|error| error.to_string())
+}
+
+async fn next_message(frames: &mut MessageStream<Stream>) -> Result<BytesMut, String> {
+    let message = frames.next().await.ok_or("the manager closed it")?;
+    message.map_err(|error| error.to_string())
 }
 
 async fn send(frames: &mut MessageStream<Stream>, picture: &CapturedImage) -> Result<(), String> {
@@ -141,10 +162,61 @@ async fn send(frames: &mut MessageStream<Stream>, picture: &CapturedImage) -> Re
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc::sync_channel;
+
+    use polyptych_protocol::bulk::BlobChunk;
+    use polyptych_protocol::framing;
     use polyptych_protocol::ids::FrameId;
     use polyptych_wall::ChannelId;
+    use tokio::net::{TcpListener, TcpStream};
+    use tokio_util::codec::Framed;
 
     use super::*;
+
+    #[tokio::test]
+    async fn a_blob_that_nobody_wants_any_more_is_stopped_for_the_next() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let near = TcpStream::connect(listener.local_addr().expect("bound")).await;
+        let (far, _) = listener.accept().await.expect("a connection");
+        let frames = |tcp| Framed::new(Stream::Plain(tcp), framing::frames(1 << 16));
+        let mut manager = frames(far);
+        let fetch = |hash| {
+            let (pieces, fetched) = sync_channel(PIECES_MAX);
+            (BulkJob::Fetch { hash, offset: 0, pieces }, fetched)
+        };
+        let [unwanted, wanted] = [1, 2].map(|byte| BlobHash([byte; 32]));
+        let (jobs, waiting) = mpsc::channel(2);
+        let (job, fetched) = fetch(unwanted);
+        drop(fetched);
+        jobs.try_send(job).expect("room");
+        let (job, fetched) = fetch(wanted);
+        jobs.try_send(job).expect("room");
+        drop(jobs);
+        let answers = async {
+            let heard = async |manager: &mut MessageStream<Stream>| {
+                let message = manager.next().await.expect("a message").expect("read");
+                framing::decode::<BulkToManager>(&message).expect("well formed")
+            };
+            let chunk = async |manager: &mut MessageStream<Stream>, hash, offset, total| {
+                let chunk = BulkToServer::Chunk(BlobChunk { hash, total, offset });
+                manager.send(polyptych_codec::encode(&chunk)).await.expect("sent");
+                manager.send(Bytes::from_static(b"four")).await.expect("sent");
+            };
+            assert_eq!(heard(&mut manager).await, BulkToManager::Want(unwanted));
+            chunk(&mut manager, unwanted, 0, BLOB_BYTES_MAX).await;
+            assert_eq!(heard(&mut manager).await, BulkToManager::Stop);
+            // It was on its way.
+            chunk(&mut manager, unwanted, 4, BLOB_BYTES_MAX).await;
+            let stopped = polyptych_codec::encode(&BulkToServer::Stopped);
+            manager.send(stopped).await.expect("sent");
+            assert_eq!(heard(&mut manager).await, BulkToManager::Want(wanted));
+            chunk(&mut manager, wanted, 0, 4).await;
+        };
+        let (end, ()) = tokio::join!(serve(frames(near.expect("connected")), waiting), answers);
+        assert_eq!(end, "the server ends");
+        let piece = fetched.recv().expect("it came").expect("whole");
+        assert_eq!((piece.total, &piece.bytes[..]), (4, &b"four"[..]));
+    }
 
     #[test]
     fn the_manager_is_told_of_a_picture_that_finds_no_room() {

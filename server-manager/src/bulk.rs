@@ -3,7 +3,8 @@
 use std::collections::HashSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use futures_util::{SinkExt, StreamExt};
+use bytes::BytesMut;
+use futures_util::{FutureExt, SinkExt, StreamExt};
 use polyptych_core::SessionId;
 use polyptych_files::blob::{BlobHash, BlobReader, BlobStore};
 use polyptych_protocol::bulk::{BlobChunk, BulkToManager, BulkToServer, CaptureChunk};
@@ -81,7 +82,9 @@ async fn converse(
     store: &ServedBlobs,
     traffic: &Traffic,
 ) {
-    while let Some(Ok(bytes)) = frames.next().await {
+    // A message that came while a blob went out.
+    let mut early = None;
+    while let Some(Ok(bytes)) = next_message(&mut frames, &mut early).await {
         traffic.bulk_received(bytes.len());
         let up = match polyptych_protocol::framing::decode::<BulkToManager>(&bytes) {
             Ok(up) => up,
@@ -91,34 +94,55 @@ async fn converse(
                 return;
             }
         };
-        match up {
-            BulkToManager::Want(hash) => {
-                if send_blob(&mut frames, (hash, 0), store, traffic).await.is_err() {
-                    return;
-                }
-            }
-            BulkToManager::WantRest { hash, offset } => {
-                if send_blob(&mut frames, (hash, offset), store, traffic).await.is_err() {
-                    return;
-                }
-            }
+        let wanted = match up {
+            BulkToManager::Want(hash) => (hash, 0),
+            BulkToManager::WantRest { hash, offset } => (hash, offset),
             BulkToManager::Picture(chunk) => {
                 if pictures.send((session, chunk)).await.is_err() {
                     return;
                 }
+                continue;
             }
+            BulkToManager::Stop => {
+                // Of a blob that has ended by its own last piece, or by this message.
+                if frames.send(polyptych_codec::encode(&BulkToServer::Stopped)).await.is_err() {
+                    return;
+                }
+                continue;
+            }
+        };
+        match send_blob(&mut frames, wanted, store, traffic).await {
+            Ok(came) => early = came,
+            Err(_) => return,
         }
+    }
+}
+
+/// A message of the peer, or the end of its connection.
+type Received = Option<std::io::Result<BytesMut>>;
+
+/// Returns what came early, or waits for the next message.
+async fn next_message(
+    frames: &mut MessageStream<Stream>,
+    early: &mut Option<Received>,
+) -> Received {
+    match early.take() {
+        Some(came) => came,
+        None => frames.next().await,
     }
 }
 
 /// Sends a blob from an offset on piece by piece, or the reason why it does not come. However slow
 /// the link is, two pieces of it are held here: one is read while the other is sent.
+///
+/// A message that comes meanwhile ends the blob and is returned: a server sends
+/// [`BulkToManager::Stop`] then, and nothing else.
 async fn send_blob(
     frames: &mut MessageStream<Stream>,
     (hash, offset): (BlobHash, u64),
     store: &ServedBlobs,
     traffic: &Traffic,
-) -> std::io::Result<()> {
+) -> std::io::Result<Option<Received>> {
     let mut next = if store.allowed.contains(hash) {
         let folder = store.folder.clone();
         off_thread(move || begin(&folder, hash, offset)).await
@@ -137,12 +161,18 @@ async fn send_blob(
                 );
                 sent?;
                 (next, room) = (read, messages);
+                if let Some(came) = frames.next().now_or_never() {
+                    return Ok(Some(came));
+                }
             }
-            Ok(None) => return frames.get_mut().flush().await,
+            Ok(None) => {
+                frames.get_mut().flush().await?;
+                return Ok(None);
+            }
             Err(reason) => {
-                return frames
-                    .send(polyptych_codec::encode(&BulkToServer::Missing { hash, reason }))
-                    .await;
+                let missing = BulkToServer::Missing { hash, reason };
+                frames.send(polyptych_codec::encode(&missing)).await?;
+                return Ok(None);
             }
         }
     }
@@ -192,4 +222,63 @@ fn go_on(mut reader: BlobReader, mut room: Vec<u8>) -> Result<Option<Piece>, Str
     room[head_end..start].copy_from_slice(&(length as u32).to_le_bytes());
     reader.read_piece(&mut room[start..]).map_err(|error| error.to_string())?;
     Ok(Some(Piece { reader, messages: room }))
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_files::blob::CHUNK_BYTES_MAX;
+    use tokio::net::{TcpListener, TcpStream};
+    use tokio_util::codec::Framed;
+
+    use super::*;
+
+    /// Pieces of a blob that no system holds between two sockets.
+    const PIECES: usize = 64;
+
+    #[tokio::test]
+    async fn a_blob_that_a_server_stops_ends_and_the_next_one_comes() {
+        let root = tempfile::tempdir().expect("a folder");
+        let store =
+            ServedBlobs { folder: BlobStore::new(root.path()), allowed: BlobAllowlist::default() };
+        let large = store.folder.write(&vec![7; PIECES * CHUNK_BYTES_MAX]).expect("written");
+        let small = store.folder.write(b"small").expect("written");
+        store.allowed.allow(&[large, small]);
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let near = TcpStream::connect(listener.local_addr().expect("bound")).await;
+        let (far, _) = listener.accept().await.expect("a connection");
+        let codec = || polyptych_protocol::framing::frames(2 * CHUNK_BYTES_MAX);
+        let frames = Framed::new(Stream::Plain(far), codec());
+        let mut server = Framed::new(Stream::Plain(near.expect("connected")), codec());
+        let (events, _heard) = mpsc::channel(1);
+        let (pictures, _seen) = mpsc::channel(1);
+        let traffic = Traffic::default();
+        let asked = async {
+            let want = polyptych_codec::encode(&BulkToManager::Want(large));
+            server.send(want).await.expect("sent");
+            let first = server.next().await.expect("a piece").expect("read");
+            assert!(!first.is_empty());
+            let stop = polyptych_codec::encode(&BulkToManager::Stop);
+            server.send(stop).await.expect("sent");
+            let stopped = polyptych_codec::encode(&BulkToServer::Stopped);
+            let mut bytes = 0;
+            loop {
+                let message = server.next().await.expect("a message").expect("read");
+                if message == stopped[..] {
+                    break;
+                }
+                bytes += message.len();
+            }
+            assert!(bytes < PIECES * CHUNK_BYTES_MAX, "all of it came");
+            let want = polyptych_codec::encode(&BulkToManager::Want(small));
+            server.send(want).await.expect("sent");
+            let chunk = BlobChunk { hash: small, total: 5, offset: 0 };
+            let head = server.next().await.expect("a message").expect("read");
+            assert_eq!(head, polyptych_codec::encode(&BulkToServer::Chunk(chunk))[..]);
+            let bytes = server.next().await.expect("a message").expect("read");
+            assert_eq!(bytes, b"small"[..]);
+            drop(server);
+        };
+        let served = converse(frames, SessionId(1), (&events, &pictures), &store, &traffic);
+        tokio::join!(served, asked);
+    }
 }

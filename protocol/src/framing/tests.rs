@@ -212,6 +212,8 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         (encode(&ServerMessage::StateLost { reason: "end".into() }), "0903656e64"),
         (encode(&ServerMessage::Storage { warning: Some("end".into()) }), "0a0103656e64"),
         (encode(&BulkToManager::Picture(chunk)), "0101020101000401020304"),
+        (encode(&BulkToManager::Stop), "03"),
+        (encode(&BulkToServer::Stopped), "02"),
         (
             encode(&BulkToServer::Chunk(piece)),
             "0001010101010101010101010101010101010101010101010101010101010101010200",

@@ -545,13 +545,15 @@ fn bulk_ups() -> Vec<BulkToManager> {
         BulkToManager::Want(BlobHash([1; 32])),
         BulkToManager::Picture(chunk),
         BulkToManager::WantRest { hash: BlobHash([1; 32]), offset: 1 << 20 },
+        BulkToManager::Stop,
     ]
 }
 
 fn bulk_downs() -> Vec<BulkToServer> {
     let hash = BlobHash([1; 32]);
     let chunk = BlobChunk { hash, total: 256, offset: 0 };
-    vec![BulkToServer::Chunk(chunk), BulkToServer::Missing { hash, reason: "lost".into() }]
+    let missing = BulkToServer::Missing { hash, reason: "lost".into() };
+    vec![BulkToServer::Chunk(chunk), missing, BulkToServer::Stopped]
 }
 
 fn clip_action() -> ClipAction {
