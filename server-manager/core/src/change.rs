@@ -24,11 +24,19 @@ use super::{
 /// After this the wall goes on without its channels until they are ready.
 const PREPARE_TIME_MAX: Micros = 120_000_000;
 
+/// Maximum time for which a scene that no display is ready for is waited for while no other change
+/// waits behind it, for the wall would be dark with it: ten GiB take an hour at 25 Mbit/s.
+const SCENE_TIME_MAX: Micros = 3_600_000_000;
+
 /// The states of channels that a change waits for.
 const ON_TIME: [ChannelState; 2] = [ChannelState::Live, ChannelState::Ready];
 
 /// Maximum number of changes that wait for their turn.
 pub(super) const CHANGES_MAX: usize = 64;
+
+/// The reason for which a scene is not shown that no display was ready for.
+const NOT_READY_IN_TIME: &str =
+    "no display was ready for the scene in time; open it again: what displays have fetched is kept";
 
 /// The reason for which a server is given the shown state anew.
 pub(super) const HOLDS_REFUSED: &str = "it has prepared a change that was refused";
@@ -90,11 +98,24 @@ impl Cluster {
 
     pub(super) fn expire_change(&mut self, now: Micros) {
         if self.changes.next_expiry().is_some_and(|expires| now >= expires) {
-            if !self.refuse_obsolete(now) {
+            if !self.refuse_obsolete(now) && !self.wait_longer(now) {
                 self.settle_change(now);
             }
             self.advance_change(now);
         }
+    }
+
+    /// Gives a scene that no display is ready for more time, unless another change waits behind it.
+    /// Returns whether it was given.
+    fn wait_longer(&mut self, now: Micros) -> bool {
+        let is_alone = self.changes.waiting() == 0;
+        let Some(underway) = &self.changes.current else { return false };
+        let is_dark = underway.change.opened().is_some() && !self.is_prepared_by_one(underway);
+        let is_given = is_dark && is_alone && now - underway.begun < SCENE_TIME_MAX;
+        if let Some(underway) = self.changes.current.as_mut().filter(|_| is_given) {
+            underway.expires = now + PREPARE_TIME_MAX;
+        }
+        is_given
     }
 
     /// Takes the change on its way as far as it goes now, and begins the next.
@@ -118,8 +139,9 @@ impl Cluster {
             let is_part = matches!(change.purpose, ChangeOrigin::Residency);
             let expires = now + if is_part { PART_TIME_MAX } else { PREPARE_TIME_MAX };
             let (failed, told_percent) = (Vec::new(), None);
+            let begun = now;
             let underway =
-                InFlightChange { change, replica, digest, expires, failed, told_percent };
+                InFlightChange { change, replica, digest, begun, expires, failed, told_percent };
             self.changes.current = Some(underway);
             self.hasten_expiry(now);
             let everyone = self.registry.servers().map(|(id, _)| id).collect();
@@ -171,6 +193,10 @@ impl Cluster {
         })
     }
 
+    fn is_prepared_by_one(&self, underway: &InFlightChange) -> bool {
+        self.registry.servers().any(|(session, _)| self.has_prepared(session, underway))
+    }
+
     fn has_prepared(&self, session: SessionId, underway: &InFlightChange) -> bool {
         let prepared = self.registry.server(session).and_then(|server| server.prepared);
         prepared == Some(underway.replica.revision)
@@ -199,13 +225,17 @@ impl Cluster {
     fn settle_change(&mut self, now: Micros) {
         let Some(underway) = self.changes.current.take() else { return };
         let is_residency = matches!(underway.change.purpose, ChangeOrigin::Residency);
-        let is_overdue = is_residency && !self.is_settled(&underway);
+        let has_one = self.is_prepared_by_one(&underway);
+        let is_dark = underway.change.opened().is_some() && !has_one;
+        let is_overdue = (is_residency || is_dark) && !self.is_settled(&underway);
         let InFlightChange { change, replica, digest, failed, .. } = underway;
-        let has_one = self.registry.servers().any(|(_, s)| s.prepared == Some(replica.revision));
         // A scene is worth more than a channel that cannot draw it; a tuning is not, nor detail.
         let is_tuning = matches!(change.purpose, ChangeOrigin::Tuning { .. });
         if is_overdue || !failed.is_empty() && (!has_one || is_tuning || is_residency) {
-            let reasons: Vec<_> = failed.into_iter().map(|(_, reason)| reason).collect();
+            let mut reasons: Vec<_> = failed.into_iter().map(|(_, reason)| reason).collect();
+            if is_dark && is_overdue {
+                reasons.push(NOT_READY_IN_TIME.to_owned());
+            }
             let reason = format!("nothing has changed, since {}", reasons.join("; "));
             self.refuse(&change.purpose, &reason);
             if matches!(change.purpose, ChangeOrigin::Edit { .. }) {

@@ -134,6 +134,8 @@ pub(super) struct InFlightChange {
     pub change: StateChange,
     pub replica: Replica,
     pub digest: Digest,
+    /// The time at which servers were sent it first.
+    pub begun: Micros,
     pub expires: Micros,
     /// Servers that cannot draw it, with the reason.
     pub failed: Vec<(SessionId, String)>,

@@ -92,6 +92,30 @@ fn a_server_that_prepares_a_scene_of_long_ago_is_sent_the_shown_one() {
 }
 
 #[test]
+fn a_scene_that_no_display_is_ready_for_is_waited_for_and_never_called_open() {
+    let mut stage = ClusterFixture::new(2);
+    let shown = stage.cluster.shown.revision;
+    let large = stage.open("large");
+    stage.live_for(600_000_000);
+    assert_eq!((stage.reply(large), stage.cluster.shown.revision), (None, shown), "dark");
+    // Another change does not wait for it longer than for any.
+    let edit = stage.request(Request::SetFog(Some(polyptych_scene::Fog::even(50.0))));
+    stage.live_for(130_000_000);
+    let Some(Err(refused)) = stage.reply(large) else { panic!("called open") };
+    assert!(refused.reason.contains("no display was ready"), "{refused:?}");
+    stage.cancel(SessionId(0));
+    stage.cancel(SessionId(1));
+    stage.prepare_all();
+    assert!(matches!(stage.reply(edit), Some(Ok(_))));
+    // A slow one is shown when the first display has it.
+    let large = stage.open("large");
+    stage.live_for(300_000_000);
+    stage.prepare(SessionId(1));
+    stage.live_for(130_000_000);
+    assert!(matches!(stage.reply(large), Some(Ok(Response::SceneOpened(_)))));
+}
+
+#[test]
 fn a_scene_that_is_opened_twice_is_prepared_once() {
     let mut stage = ClusterFixture::new(1);
     let first = stage.open("town");
