@@ -29,8 +29,9 @@ pub(super) const IMAGE_BYTES_MAX: u64 = 1 << 30;
 const ELEMENTS_UNASKED: u64 = 1 << 24;
 
 /// Most elements per byte of the files beyond that. An element takes at least a byte, and parts
-/// that share their vertices read them again; a small file could ask for hours of it.
-const ELEMENTS_PER_BYTE_MAX: u64 = 16;
+/// that share their vertices read them again, hundreds of times in drawings of machines; a small
+/// file could ask for hours of it.
+const ELEMENTS_PER_BYTE_MAX: u64 = 64;
 
 /// Bytes read at a time, between two looks at the cancel flag.
 const READ_BYTES: usize = 1 << 20;

@@ -21,11 +21,13 @@ const IMAGE_SIDE_MAX: u32 = 16_384;
 /// Most memory that a decoder may take.
 const DECODE_BYTES_MAX: u64 = 512 << 20;
 
-/// Images of so many pixels are decoded however small their files are.
-const PIXELS_UNASKED: u64 = 1 << 22;
+/// Images of so many pixels are decoded however small their files are: 4,096 × 4,096 of one colour
+/// take WebP some hundred bytes.
+const PIXELS_UNASKED: u64 = 1 << 24;
 
-/// Most pixels per byte of file beyond that: deflate reaches about 1,000 bytes per byte.
-const PIXELS_PER_BYTE_MAX: u64 = 1024;
+/// Most pixels per byte of file beyond that: deflate reaches about 1,000 bytes per byte, of up to
+/// eight pixels each.
+const PIXELS_PER_BYTE_MAX: u64 = 8192;
 
 /// Pixels of all images together that are decoded however small the files are: four plain images
 /// of 4,096 × 4,096. One small image could be named a thousand times.

@@ -12,9 +12,10 @@ use super::super::error::BakeError;
 const DECODE_BYTES_MAX: usize = 512 << 20;
 
 /// Pictures of so many pixels are decoded however small their files are.
-const PIXELS_UNASKED: u64 = 1 << 22;
+const PIXELS_UNASKED: u64 = 1 << 24;
 
-/// Most pixels per byte of file beyond that: deflate reaches about 1,000 bytes per byte.
+/// Most pixels per byte of file beyond that: deflate reaches about 1,000 bytes per byte, of up to
+/// eight pixels each.
 const PIXELS_PER_BYTE_MAX: u64 = 8192;
 
 /// A decoded picture.

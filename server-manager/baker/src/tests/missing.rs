@@ -62,6 +62,8 @@ fn images_that_cannot_be_read_are_placeholders_with_a_note_that_names_the_format
         (&claims(16_384, 16_384), "512 MiB can be read, such as 11585 × 11585"),
         (&claims(200_000, 2), "at most 16384 pixels a side"),
         (&claims(8_192, 8_192), "can't hold 8192 × 8192"),
+        // One of this size may be of one colour.
+        (&claims(4_096, 4_096), "can't be decoded"),
     ] {
         let (place, baked, scene) = bake_builder(&textured(encoded));
         let note = baked.warnings.iter().find(|note| note.contains(part));
