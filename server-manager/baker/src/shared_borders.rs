@@ -131,8 +131,9 @@ fn border(job: &BakeJob<'_>, mesh: &document::Mesh) -> Vec<DVec3> {
             count += 1;
         }
     }
-    // A part of separate quads, as a house, has borders everywhere; no other continues it.
-    if corners.len() / 3 < count {
+    // A part of separate quads, as a house, has borders everywhere, two edges for each triangle; no
+    // other part continues it. A road that is one quad wide has little more than one.
+    if corners.len() / 2 < count {
         return Vec::new();
     }
     points
@@ -144,8 +145,9 @@ fn border(job: &BakeJob<'_>, mesh: &document::Mesh) -> Vec<DVec3> {
 
 /// Returns the positions and the corners of a primitive of triangles.
 fn triangles(job: &BakeJob<'_>, json: &document::Primitive) -> Option<(Vec<[f32; 3]>, Vec<u32>)> {
-    if topology::of_mode(json.mode) != Some(Topology::Triangles) || json.extensions.draco.is_some()
-    {
+    // A stream without a fault was unpacked into accessors.
+    let is_packed = json.extensions.draco.as_ref().is_some_and(|draco| draco.fault.is_some());
+    if topology::of_mode(json.mode) != Some(Topology::Triangles) || is_packed {
         return None;
     }
     let open = |index: u32| Accessor::open(job.source, index, "borders").ok();

@@ -252,6 +252,29 @@ fn tiles_of_a_ground_meet_at_every_level() {
 }
 
 #[test]
+fn a_road_that_is_one_quad_wide_meets_its_ground_at_every_level() {
+    let mut builder = tiles();
+    let (rows, x) = (21_u32, 20.0);
+    let height = |row: u32| f64::from((20 * 7919 + row * 104_729) % 31) as f32 / 100.0;
+    // Its one side is the border of the first ground, node 0.
+    let at = |i: u32| [x + (i / rows) as f32, (i % rows) as f32, height(i % rows)];
+    let positions: Vec<f32> = (0..2 * rows).flat_map(at).collect();
+    let quads = (0..rows - 1).flat_map(|i| [i, i + rows, i + 1, i + 1, i + rows, i + rows + 1]);
+    let indices = builder.indices(&quads.collect::<Vec<u32>>());
+    let positions = builder.floats("VEC3", &positions);
+    builder.json["meshes"][1]["primitives"] =
+        json!([{ "attributes": { "POSITION": positions }, "indices": indices }]);
+    builder.json["nodes"][1]["translation"] = json!([0, 0, 0]);
+    let (place, _, scene) = bake_builder(&builder);
+    let ground = BlobLevels::read(&place, &scene.meshes[0].primitives[0]);
+    let coarsest = ground.drawn(*ground.errors().last().expect("an error"));
+    let points = coarsest.iter().flatten().filter(|point| point.x == 20.0);
+    let kept: BTreeSet<[u64; 2]> =
+        points.map(|point| [point.y.to_bits(), point.z.to_bits()]).collect();
+    assert_eq!(kept.len(), 21);
+}
+
+#[test]
 fn blended_primitives_keep_their_order() {
     let mut builder = halves();
     builder.json["materials"] = json!([{ "alphaMode": "BLEND" }]);
