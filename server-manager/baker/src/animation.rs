@@ -148,14 +148,13 @@ pub(super) fn read(
             match read_channel(job, json, channel, parts, &place) {
                 Ok(None) => {}
                 Ok(Some((target, draft, changed))) => {
-                    if let ChannelTarget::Node(node, path) = target {
-                        let weights = target_weights(job, node);
-                        let rest =
-                            || at_rest(&document.nodes[node as usize], nodes, place_of, node);
-                        let target = targets.entry(node).or_insert_with(rest);
-                        if path == AnimatedPath::Weights {
-                            target.weights = weights;
-                        }
+                    if let ChannelTarget::Node(node, _) = target {
+                        let json = &document.nodes[node as usize];
+                        let rest = || AnimatedNode {
+                            weights: target_weights(job, node),
+                            ..at_rest(json, nodes, place_of, node)
+                        };
+                        targets.entry(node).or_insert_with(rest);
                     }
                     properties.extend(changed);
                     if channels.insert(target, draft).is_some() {

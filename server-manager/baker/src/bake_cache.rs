@@ -75,15 +75,20 @@ impl BakeCache {
     /// else find the next damaged one with each `open`.
     fn has_all(&self, scene: &Scene) -> bool {
         let primitives = scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
+        let bent = primitives.clone().filter_map(|p| p.deformed);
+        let bent = bent.map(|deformed| (deformed.blob, deformed.bytes));
         let meshes = primitives.map(|p| (p.blob, p.bytes()));
         let textures = scene.textures.iter().map(|t| (t.blob, t.bytes()));
-        let all: BTreeMap<BlobHash, u64> = meshes.chain(textures).collect();
+        let all: BTreeMap<BlobHash, u64> = meshes.chain(bent).chain(textures).collect();
         let damaged = |&(blob, bytes): &(&BlobHash, &u64)| !self.blobs.verify(*blob, *bytes);
         let damaged = all.par_iter().filter(damaged).count();
         if damaged > 0 {
             tracing::warn!(damaged, of = all.len(), "blobs of the store are baked anew");
         }
-        damaged == 0
+        // Its length is in it. Reading it removes a damaged one.
+        let has_light =
+            scene.surroundings.is_none_or(|of| matches!(self.blobs.read(of), Ok(Some(_))));
+        damaged == 0 && has_light
     }
 
     /// Notes what came of this key, once its blobs are durable: who is told that a scene is open

@@ -36,6 +36,8 @@ struct PrimitiveKey {
     keeps_order: bool,
     scale: u64,
     pose: Option<u32>,
+    /// The morph targets, if a pose may weigh them.
+    targets: Vec<BTreeMap<String, u32>>,
     /// The mesh, if what is beside it decides about its levels.
     border: Option<u32>,
     /// The mesh, if clips bend it.
@@ -186,6 +188,7 @@ fn key(
         keeps_order: needs.keeps_order,
         scale: scale.to_bits(),
         pose,
+        targets: if pose.is_some() { primitive.targets.clone() } else { Vec::new() },
         border: None,
         bent: None,
     }

@@ -141,7 +141,12 @@ impl Meshes {
             return unmoved(self, job);
         }
         let is_mixed = with_joints < json.primitives.len();
-        let mut bound = joints(job, tree, skin, json_skin, is_mixed)?;
+        // What hides the skeleton alone must not hide the mesh: it hangs above that.
+        let own = tree.chain(index);
+        let is_hidden = |at: u32| !tree.nodes[at as usize].extensions.visibility.visible;
+        let ends_chain =
+            |at: u32| is_mixed || (is_hidden(at) || clips.hide(at)) && !own.contains(&at);
+        let mut bound = joints(job, tree, skin, json_skin, ends_chain)?;
         let points: Vec<DVec3> = bound.matrices.iter().map(|matrix| matrix.translation).collect();
         let anchor = median(&points);
         for matrix in &mut bound.matrices {

@@ -61,14 +61,14 @@ pub(super) struct Bound {
     pub inverse_binds: Vec<DAffine3>,
 }
 
-/// Joint · inverse bind matrix of each joint of a skin, in the frame of their last common parent,
-/// or in the world. Below equal parents, copies of a skeleton give equal bits.
+/// Joint · inverse bind matrix of each joint of a skin, in the frame of their last common parent
+/// before the first one at which the chain from the root ends, or in the world. Below equal parents, copies of a skeleton give equal bits.
 pub(super) fn joints(
     job: &BakeJob<'_>,
     tree: &Tree<'_>,
     skin: u32,
     json: &document::Skin,
-    in_world: bool,
+    ends_chain: impl Fn(u32) -> bool,
 ) -> Result<Bound, BakeError> {
     let place = format!("skins[{skin}]");
     if json.joints.is_empty() {
@@ -93,7 +93,8 @@ pub(super) fn joints(
             }
         });
     }
-    let top = common.and_then(|common| common.last().copied()).filter(|_| !in_world);
+    let common = common.unwrap_or_default();
+    let top = common.into_iter().take_while(|&at| !ends_chain(at)).last();
     let frame = match top {
         Some(top) => tree.below(None, top)?,
         None => DAffine3::IDENTITY,

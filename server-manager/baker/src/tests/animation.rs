@@ -165,6 +165,71 @@ fn a_mesh_that_no_clip_bends_is_baked_as_without_clips() {
     assert_same(&moved, &wanted, 1e-6);
 }
 
+#[test]
+fn a_skinned_mesh_with_targets_that_no_clip_weighs_is_bent_by_its_skin() {
+    let mut builder = bar([0.0; 3]);
+    let target = builder.floats("VEC3", &[1.0; 12]);
+    builder.json["meshes"][0]["primitives"][0]["targets"] = json!([{ "POSITION": target }]);
+    // Many exporters write such channels of every node; this one moves nothing.
+    let own = json!({ "sampler": 1, "target": { "node": 0, "path": "translation" } });
+    builder.json["animations"][0]["channels"].as_array_mut().expect("a list").push(own);
+    let (place, baked, scene) = bake_builder(&builder);
+    assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+    assert_same(&drawn_at(&place, &scene, 0, 1.3), &bar_at([0.0; 3], 1.3), 1e-6);
+}
+
+#[test]
+fn a_mesh_whose_skeleton_is_hidden_is_seen_and_moves() {
+    let mut builder = bar([1.0, 2.0, 3.0]);
+    let hidden = json!({ "KHR_node_visibility": { "visible": false } });
+    builder.json["nodes"][1]["extensions"] = hidden.clone();
+    let (place, baked, scene) = bake_builder(&builder);
+    assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+    let drawn = scene.nodes.iter().find(|node| node.mesh.is_some()).expect("a mesh");
+    assert_eq!(drawn.parent, None, "it would be hidden with what it hangs from");
+    let found = drawn_at(&place, &scene, 0, 1.3);
+    assert_same(&found, &bar_at([1.0, 2.0, 3.0], 1.3), 1e-6);
+    // The mesh's own node hides it.
+    builder.json["nodes"][0]["extensions"] = hidden;
+    let (_place, _, scene) = bake_builder(&builder);
+    let drawn = scene.nodes.iter().position(|node| node.mesh.is_some()).expect("a mesh") as u32;
+    assert!(scene.extras.iter().any(|of| of.node == drawn && of.is_hidden), "{:?}", scene.extras);
+}
+
+#[test]
+fn a_lost_blob_that_bends_a_mesh_is_made_anew() {
+    let (place, _, scene) = bake_builder(&bar([0.0; 3]));
+    let deformed = scene.meshes[0].primitives[0].deformed.expect("it is bent");
+    let file = place.store.blobs().path_of(deformed.blob);
+    let path = place.folder.path().join("scene.glb");
+    assert!(place.bake(&path).expect("baked").reused);
+    std::fs::remove_file(&file).expect("removed");
+    assert!(!place.bake(&path).expect("baked").reused);
+    assert!(file.exists());
+}
+
+#[test]
+fn meshes_that_differ_in_their_targets_alone_are_not_one() {
+    let mut builder = Builder::triangle();
+    let targets =
+        [[0.0, 0.0, 2.0], [0.0, 5.0, 0.0]].map(|to| builder.floats("VEC3", &to.repeat(3)));
+    let mut mesh = builder.json["meshes"][0].clone();
+    mesh["weights"] = json!([1.0]);
+    builder.json["meshes"] = json!([mesh, mesh]);
+    for (at, target) in targets.into_iter().enumerate() {
+        let primitive = &mut builder.json["meshes"][at]["primitives"][0];
+        primitive["targets"] = json!([{ "POSITION": target }]);
+    }
+    builder.json["nodes"] = json!([{ "mesh": 0 }, { "mesh": 1 }]);
+    builder.json["scenes"] = json!([{ "nodes": [0, 1] }]);
+    let (place, _, scene) = bake_builder(&builder);
+    let origins = [0, 1].map(|at| {
+        let first = &super::vertices(&place, &scene, at, 0)[0];
+        scene.meshes[at].primitives[0].origin + glam::Vec3::from_slice(first).as_dvec3()
+    });
+    assert_eq!(origins[1] - origins[0], DVec3::new(0.0, 5.0, -2.0));
+}
+
 /// A triangle without normals that two targets raise, in turn.
 fn morphed() -> Builder {
     let mut builder = Builder::triangle();
