@@ -3,7 +3,9 @@
 use std::collections::HashMap;
 
 use polyptych_files::blob::BlobHash;
-use polyptych_scene::{IndexFormat, Mesh, Primitive, Scene, Texture, TextureFormat, VertexLayout};
+use polyptych_scene::{
+    IndexFormat, Mesh, Primitive, Scene, Texture, TextureFormat, Topology, VertexLayout,
+};
 
 /// The slots of described things; equal ones share one.
 #[derive(Debug)]
@@ -48,9 +50,10 @@ impl Slots {
 /// The name of a texture's slot: bytes, format, width, height and number of levels.
 pub(super) type TextureName = (BlobHash, TextureFormat, [u32; 3]);
 
-/// The name of a primitive's slot: bytes, layout, and the numbers of vertices, indices, indices of
+/// The name of a primitive's slot: bytes, layout, topology, and the numbers of vertices, indices, indices of
 /// coarser levels, and meshlets; where clips bend it, its mesh too, which has vertices of its own.
-pub(super) type GeometryName = (BlobHash, VertexLayout, IndexFormat, [u32; 4], Option<usize>);
+pub(super) type GeometryName =
+    (BlobHash, (VertexLayout, Topology), IndexFormat, [u32; 4], Option<usize>);
 
 /// Textures of one name share a slot.
 pub(super) fn texture_name(t: &Texture) -> TextureName {
@@ -60,7 +63,9 @@ pub(super) fn texture_name(t: &Texture) -> TextureName {
 /// Primitives of a mesh. Those of one name share a slot.
 pub(super) fn geometry_name(mesh: usize, p: &Primitive) -> GeometryName {
     let counts = [p.vertex_count, p.index_count, p.coarser_index_count, p.meshlet_count];
-    (p.blob, p.layout, p.index_format, counts, p.deformed.map(|_| mesh))
+    // The bytes of points may be those of lines.
+    let shape = (p.layout, p.topology);
+    (p.blob, shape, p.index_format, counts, p.deformed.map(|_| mesh))
 }
 
 /// Returns the name of each primitive's slot.

@@ -1,7 +1,7 @@
 //! Depth, blending, instances: what is in front, and what is one.
 
 use glam::{DAffine3, DVec3, Quat, Vec3, Vec4};
-use polyptych_scene::{AlphaMode, Instance, Material, Node};
+use polyptych_scene::{AlphaMode, Instance, Material, Node, Topology};
 
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, drawn, gpu, look, matt, pixel,
@@ -41,6 +41,20 @@ fn a_centimetre_is_resolved_at_ten_kilometres() {
         assert_eq!(far, 0, "the far plane shows");
         assert!(drawn(&pixels) > 3000);
     }
+}
+
+#[test]
+fn points_and_lines_of_the_same_bytes_are_both_drawn() {
+    let mut stage = SceneFixture::new();
+    for topology in [Topology::Points, Topology::Lines] {
+        let mesh = stage.mesh(&MeshFixture::rectangle(2.0, 2.0), None);
+        stage.desc.meshes[mesh as usize].primitives[0].topology = topology;
+        stage.node(mesh, DAffine3::IDENTITY);
+    }
+    let scene = stage.build();
+    let view = look(DVec3::Z * 4.0, DVec3::ZERO, SIZE);
+    let both = drawn(&draw(&scene, SIZE, &view));
+    assert!(both > 100, "{both} pixels of four points and three lines");
 }
 
 #[test]
