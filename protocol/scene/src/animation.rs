@@ -133,6 +133,26 @@ impl Clip {
 }
 
 impl Channel {
+    /// Returns whether a number of the channel, of three at each time, may be below 0 at some time.
+    /// A spline stays within the Bézier points of each of its pieces.
+    pub(super) fn may_be_negative(&self) -> bool {
+        if self.interpolation != Interpolation::CubicSpline {
+            return self.values.iter().any(|value| *value < 0.0);
+        }
+        let keys: Vec<_> = self.values.as_chunks::<9>().0.iter().zip(&self.times).collect();
+        let point = |[_, _, _, x, y, z, _, _, _]: &[f32; 9]| [*x, *y, *z];
+        let is_negative = |value: f32, tangent: f32, s: f32| value + tangent * s / 3.0 < 0.0;
+        let bends = keys.windows(2).any(|pair| {
+            let [(from, start), (to, end)] = pair else { return false };
+            let s = *end - *start;
+            (0..3).any(|axis| {
+                is_negative(point(from)[axis], from[6 + axis], s)
+                    || is_negative(point(to)[axis], -to[axis], s)
+            })
+        });
+        bends || keys.iter().any(|(key, _)| point(key).iter().any(|value| *value < 0.0))
+    }
+
     /// Returns the numbers of a value: of a key, a tangent or between two keys.
     fn width(&self) -> usize {
         let of_key = if self.interpolation == Interpolation::CubicSpline { 3 } else { 1 };

@@ -258,10 +258,8 @@ impl Motion {
             Moves::Never | Moves::Joints(_) => false,
         };
         let mut channels = self.base.animations.clips.iter().flat_map(|clip| &clip.channels);
-        let has_negative = channels.any(|channel| {
-            let is_scale = channel.path == AnimatedPath::Scale;
-            is_scale && channel.values.iter().any(|value| *value < 0.0)
-        });
+        let has_negative = channels
+            .any(|channel| channel.path == AnimatedPath::Scale && channel.may_be_negative());
         has_negative || self.movers.iter().any(is_turned)
     }
 

@@ -77,6 +77,34 @@ fn a_clip_may_turn_around_what_is_inside_out_at_rest() {
 }
 
 #[test]
+fn a_clip_may_turn_inside_out_what_its_splines_scale_below_zero_between_keys() {
+    let eased = |leave: f32, arrive: f32| {
+        let mut base = (*scene()).clone();
+        let key = |value: f32, tangents: [f32; 2]| {
+            [[tangents[0]; 3], [value; 3], [tangents[1]; 3]].concat()
+        };
+        base.animations.clips[0].channels[0] = Channel {
+            target: 0,
+            path: AnimatedPath::Scale,
+            interpolation: Interpolation::CubicSpline,
+            times: vec![0.0, 1.0],
+            // What leads to the first key and away from the last is of no use.
+            values: [key(0.0, [-9.0, leave]), key(1.0, [arrive, -9.0])].concat(),
+        };
+        let motion = motion(&Arc::new(base), &SceneEdits::default());
+        let scales = (0..=100).map(|step| {
+            let clip = ClipTime { clip: 0, time_s: f64::from(step) / 100.0, weight: 1.0 };
+            motion.at(&[clip]).places[0].2.matrix3.x_axis.x
+        });
+        (motion.may_mirror(), scales.fold(f64::MAX, f64::min))
+    };
+    let (may_mirror, least) = eased(0.0, 4.59);
+    assert!(may_mirror && least < -0.05, "{least}");
+    let (may_mirror, least) = eased(0.0, 2.9);
+    assert!(!may_mirror && least == 0.0, "{least}");
+}
+
+#[test]
 fn all_nodes_that_show_a_mesh_that_bends_are_bent() {
     let mut base = (*scene()).clone();
     let (mesh, node) = (4, 1);

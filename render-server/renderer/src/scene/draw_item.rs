@@ -116,16 +116,25 @@ impl Stance {
 
     /// Returns whether the transform turns the winding around.
     pub fn is_mirrored(&self) -> bool {
-        self.linear.determinant() < 0.0
+        is_mirrored(&self.linear)
     }
 
     /// Returns whether the transform leaves no volume, and so no winding to turn around; what an
     /// animation hides is often scaled to 0.
     pub fn is_flat(&self) -> bool {
-        let [x, y, z] = [self.linear.x_axis, self.linear.y_axis, self.linear.z_axis];
-        let most = x.length() * y.length() * z.length();
-        self.linear.determinant().abs() <= FLAT_MAX * most
+        is_flat(&self.linear)
     }
+}
+
+/// Returns whether a transform turns the winding around. The sign of a flat one is rounding.
+fn is_mirrored(linear: &DMat3) -> bool {
+    linear.determinant() < 0.0 && !is_flat(linear)
+}
+
+/// See [`Stance::is_flat`].
+pub(crate) fn is_flat(linear: &DMat3) -> bool {
+    let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
+    linear.determinant().abs() <= FLAT_MAX * x.length() * y.length() * z.length()
 }
 
 /// One primitive in one place. Its index in the scene's list is the tie-break of every order:
@@ -310,7 +319,7 @@ fn normal_matrix(linear: DMat3) -> DMat3 {
     if !(largest > 0.0 && largest.is_finite()) {
         return DMat3::ZERO;
     }
-    let sign = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
+    let sign = if is_mirrored(&linear) { -1.0 } else { 1.0 };
     cofactors * (sign / largest)
 }
 

@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3};
 use polyptych_scene::Primitive;
 use polyptych_scene::meshlet::{self, Meshlet};
 
-use super::draw_item::Bounds;
+use super::draw_item::{Bounds, is_flat};
 use crate::cull::FrustumPlanes;
 use crate::error_tolerance::{BoundingSphere, ItemErrors};
 
@@ -301,8 +301,7 @@ impl MeshletCull {
     /// not drawn.
     pub fn new(planes: &FrustumPlanes, linear: &DMat3, origin: DVec3, culls_back: bool) -> Self {
         // A flat item has no side that an eye could be on.
-        let is_solid = linear.determinant().abs() > f64::MIN_POSITIVE;
-        let view = (culls_back && is_solid).then(|| match planes.view_direction() {
+        let view = (culls_back && !is_flat(linear)).then(|| match planes.view_direction() {
             Some(rays) => CullView::Along((linear.inverse() * rays).normalize_or_zero()),
             None => CullView::From(linear.inverse() * (planes.eye() - origin)),
         });

@@ -350,6 +350,21 @@ fn meshlets_that_are_hidden_hold_no_triangle_that_faces_the_eye() {
 }
 
 #[test]
+fn flat_items_hide_no_meshlet_whatever_sign_rounding_gives_them() {
+    let shape = MeshFixture::sphere(40).with_meshlets(80);
+    let planes = look(DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO, [64, 64]).planes([0, 0, 64, 64]);
+    let mut signs = [0; 2];
+    for step in 0..64 {
+        let [one, two] = [0.7, 1.9].map(|turn| DMat3::from_rotation_z(turn + f64::from(step)));
+        let flat = one * DMat3::from_diagonal(DVec3::new(1.0, 0.0, 1.0)) * two;
+        signs[usize::from(flat.determinant() < 0.0)] += usize::from(flat.determinant() != 0.0);
+        let cull = MeshletCull::new(&planes, &flat, DVec3::ZERO, true);
+        assert!(!shape.meshlets.iter().any(|meshlet| cull.hides(meshlet)));
+    }
+    assert!(signs.iter().all(|count| *count > 0), "{signs:?}: nothing was rounded");
+}
+
+#[test]
 fn meshlets_without_a_cone_are_never_hidden() {
     let flat = MeshFixture::triangle([Vec3::ZERO; 3], Vec3::Z).with_meshlets(1);
     let planes = look(DVec3::Z, DVec3::ZERO, [64, 64]).planes([0, 0, 64, 64]);
