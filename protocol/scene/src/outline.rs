@@ -31,6 +31,8 @@ pub struct SceneOutline {
     textures: u32,
     /// Nodes with a light that has no range.
     lights: u64,
+    /// The number of places of each node that stands in several.
+    copies: BTreeMap<u32, u32>,
     /// Primitives, each in every place.
     draws: u64,
     /// Names of variants.
@@ -98,6 +100,10 @@ impl From<&Scene> for SceneOutline {
             materials: scene.materials.len() as u32,
             textures: scene.textures.len() as u32,
             lights: endless_lights(&scene.nodes, &scene.lights),
+            copies: (0..)
+                .zip(scene.nodes.iter().map(|node| node.instances.len() as u32))
+                .filter(|(_, copies)| *copies > 1)
+                .collect(),
             draws: scene.draws(),
             variants: scene.variants.iter().map(|of| of.name.clone()).collect(),
         }
@@ -281,11 +287,13 @@ impl SceneOutline {
     fn check_draws(&self, edits: &SceneEdits) -> Result<(), EditError> {
         // What was taken away or hidden is not subtracted: it may come back.
         let (mut draws, mut lights) = (self.draws, self.lights);
-        for (_, of) in edits.nodes() {
+        for (node, of) in edits.nodes() {
             let made = of.created.as_ref();
+            let copies = u32::try_from(node.0).ok().and_then(|node| self.copies.get(&node));
             let mesh = of.mesh.unwrap_or(made.and_then(|new| new.mesh));
             let primitives = mesh.and_then(|mesh| self.primitives(edits, mesh));
-            draws = draws.saturating_add(primitives.unwrap_or(0).into());
+            let primitives = u64::from(primitives.unwrap_or(0));
+            draws = draws.saturating_add(primitives * u64::from(*copies.unwrap_or(&1)));
             let made_with = || made.and_then(|new| new.light.as_ref());
             let light = of.light.as_ref().map_or_else(made_with, Option::as_ref);
             lights += u64::from(light.is_some_and(|light| light.finite_range().is_none()));

@@ -249,6 +249,43 @@ proptest! {
     }
 }
 
+fn triangle(name: &str, material: Option<u32>) -> Primitive {
+    Primitive {
+        blob: BlobHash::of(name.as_bytes()),
+        layout: VertexLayout::default(),
+        vertex_count: 3,
+        index_count: 3,
+        coarser_index_count: 0,
+        meshlet_count: 0,
+        cuts: Vec::new(),
+        finest_level: 0,
+        deformed: None,
+        index_format: IndexFormat::U16,
+        topology: Topology::Triangles,
+        material,
+        origin: DVec3::ZERO,
+        min: Vec3::ZERO,
+        max: Vec3::ONE,
+    }
+}
+
+#[test]
+fn another_mesh_is_drawn_in_each_place_of_its_node() {
+    let mut base = base();
+    let copies = crate::limits::DRAWS_MAX / 4 + 1;
+    let (translation, rotation, scale) = (Vec3::ZERO, glam::Quat::IDENTITY, Vec3::ONE);
+    let copy = crate::Instance { translation, rotation, scale };
+    base.nodes[0].instances = vec![copy; copies as usize];
+    let primitives = vec![triangle("wall", None); 4];
+    base.meshes.push(crate::Mesh { primitives, ..crate::Mesh::default() });
+    let outline = SceneOutline::from(&base);
+    for (node, is_held) in [(0, false), (1, true)] {
+        let mut edits = SceneEdits::default();
+        edits.apply(Edit::SetMesh { node: NodeId(node), mesh: Some(base.meshes.len() as u32 - 1) });
+        assert_eq!(outline.check_size(&edits).is_ok(), is_held, "{node}");
+    }
+}
+
 #[test]
 fn a_chain_of_many_nodes_is_taken_away_at_once_and_too_deep_a_one_is_told() {
     let base = base();
@@ -285,23 +322,7 @@ fn added_assets_stand_at_their_numbers_whatever_was_there_before() {
     let set = |name: &str, meshes: usize| {
         let textured = TextureRef { texture: 0, uv_set: 0, uv_transform: Affine2::IDENTITY };
         let material = Material { base_color_texture: Some(textured), ..Material::default() };
-        let primitive = Primitive {
-            blob: BlobHash::of(name.as_bytes()),
-            layout: VertexLayout::default(),
-            vertex_count: 3,
-            index_count: 3,
-            coarser_index_count: 0,
-            meshlet_count: 0,
-            cuts: Vec::new(),
-            finest_level: 0,
-            deformed: None,
-            index_format: IndexFormat::U16,
-            topology: Topology::Triangles,
-            material: Some(0),
-            origin: DVec3::ZERO,
-            min: Vec3::ZERO,
-            max: Vec3::ONE,
-        };
+        let primitive = triangle(name, Some(0));
         let mesh = Mesh { name: name.into(), primitives: vec![primitive] };
         let textures = vec![texture(name.as_bytes())];
         let (meshes, materials) = (vec![mesh; meshes], vec![material]);
