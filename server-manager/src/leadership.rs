@@ -36,6 +36,8 @@ struct Shared {
     /// The end of the lease in microseconds of that clock, as the last renewal has it.
     valid_until_us: AtomicU64,
     is_released: AtomicBool,
+    /// `true` while this process does what it holds the lock for.
+    is_fenced: AtomicBool,
     lost: CancellationToken,
     lost_reason: OnceLock<String>,
 }
@@ -126,6 +128,7 @@ impl Leadership {
             contender: Mutex::new(contender),
             valid_until_us: AtomicU64::new(0),
             is_released: AtomicBool::new(false),
+            is_fenced: AtomicBool::new(false),
             lost: CancellationToken::new(),
             lost_reason: OnceLock::new(),
         };
@@ -145,7 +148,7 @@ impl Leadership {
                     tracing::warn!(fault, "cannot renew the lease; trying again");
                 }
                 if let Some(fault) = fault.as_ref().filter(|_| !shared.is_valid()) {
-                    shared.lose(format!("the lease could not be renewed in time: {fault}"));
+                    shared.lose_if_free(fault);
                 }
                 last_fault = fault;
             }
@@ -176,7 +179,7 @@ impl Leadership {
             return true;
         }
         if let Err(error) = shared.renew() {
-            shared.lose(format!("the lease could not be renewed in time: {error}"));
+            shared.lose_if_free(&error.to_string());
         }
         shared.is_valid() && !shared.is_over()
     }
@@ -190,7 +193,10 @@ impl Leadership {
         let done = shared.file.locked(|found| {
             let is_ours = found.is_some_and(|f| f.term == shared.term.0 && !f.is_released);
             if is_ours {
-                return (None, work());
+                shared.is_fenced.store(true, Ordering::SeqCst);
+                let done = work();
+                shared.is_fenced.store(false, Ordering::SeqCst);
+                return (None, done);
             }
             let reason = shared.lose(led_by(found));
             (None, Err(io::Error::other(reason)))
@@ -283,6 +289,14 @@ impl Shared {
         Ok(())
     }
 
+    /// Leads no more, as the lease could not be renewed in time; but nobody can have taken it while
+    /// this manager itself holds the lock.
+    fn lose_if_free(&self, fault: &str) {
+        if !self.is_fenced.load(Ordering::SeqCst) {
+            self.lose(format!("the lease could not be renewed in time: {fault}"));
+        }
+    }
+
     /// Never commands again; returns the first reason.
     fn lose(&self, reason: String) -> String {
         let reason = self.lost_reason.get_or_init(|| reason).clone();
@@ -334,6 +348,32 @@ mod tests {
         assert!(refused.to_string().contains("second leads the wall now"), "{refused}");
         assert!(!first.is_held() && second.is_held());
         assert_eq!(second.lost_reason(), None);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_renewal_writes_over_the_record_that_is_there() {
+        use std::os::unix::fs::MetadataExt;
+        let folder = tempfile::tempdir().expect("a folder");
+        let leader = lead(&folder, "first");
+        let path = folder.path().join("wall.state.lease");
+        let facts = || std::fs::metadata(&path).map(|facts| (facts.ino(), facts.len()));
+        let first = facts().expect("a record");
+        leader.shared.renew().expect("renewed");
+        assert_eq!(facts().expect("a record"), first, "a full disk has no room for another");
+    }
+
+    #[test]
+    fn a_lease_that_is_locked_by_its_own_leader_is_not_lost() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let leader = lead(&folder, "first");
+        let written = leader.fenced(|| {
+            leader.shared.set_valid_until(Duration::ZERO);
+            assert!(!leader.is_held(), "it cannot be renewed now");
+            Ok(leader.lost_reason().is_none())
+        });
+        assert!(written.expect("it leads"));
+        assert!(leader.is_held());
     }
 
     #[test]

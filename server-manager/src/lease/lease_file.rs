@@ -14,7 +14,8 @@ const LOCK_TIME_MAX: Duration = Duration::from_millis(500);
 /// Pause between two attempts to get the lock.
 const LOCK_PAUSE: Duration = Duration::from_millis(2);
 
-/// Maximum size of a record that is read, in bytes; a holder's name is short.
+/// Size of a record in bytes, with spaces behind it, and maximum size of one that is read; a
+/// holder's name is short.
 const RECORD_BYTES_MAX: u64 = 4 << 10;
 
 /// The file of a lease, and a file beside it for the lock, which is never replaced.
@@ -109,20 +110,29 @@ impl LeaseFile {
         serde_json::from_slice(&bytes).map(Some).map_err(|error| self.damaged(error.to_string()))
     }
 
+    /// Writes over the record that is there, in one sector: neither a power cut nor a full disk
+    /// leaves a file without one.
     fn write(&self, record: &LeaseRecord, is_durable: bool) -> io::Result<()> {
+        let mut bytes = serde_json::to_vec(record)?;
+        // What JSON has behind it is of no account.
+        bytes.resize(bytes.len().max(RECORD_BYTES_MAX as usize), b' ');
+        let mut file = match OpenOptions::new().write(true).open(&self.path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => return self.create(&bytes),
+            opened => opened?,
+        };
+        file.write_all(&bytes)?;
+        if is_durable { file.sync_all() } else { Ok(()) }
+    }
+
+    fn create(&self, bytes: &[u8]) -> io::Result<()> {
         // Always the same name: only the holder of the lock writes.
         let new = self.path.with_added_extension("new");
         let mut file = File::create(&new)?;
-        file.write_all(serde_json::to_string(record)?.as_bytes())?;
-        if is_durable {
-            file.sync_all()?;
-        }
+        file.write_all(bytes)?;
+        file.sync_all()?;
         fs::rename(&new, &self.path)?;
-        if is_durable {
-            let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
-            File::open(folder.unwrap_or(Path::new(".")))?.sync_all()?;
-        }
-        Ok(())
+        let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
     }
 
     pub(crate) fn failed(&self, source: io::Error) -> LeaseFileError {
