@@ -32,6 +32,9 @@ pub(super) fn start_cluster(
     }
     let saved = state.as_ref().and_then(|state| state_file::load(state.path()));
     let (Some(state), Some(saved)) = (&state, saved) else {
+        if let Some(state) = state.as_ref().filter(|state| state.path().exists()) {
+            keep_copy(state);
+        }
         return (
             RecordedCluster::new(
                 ClusterConfig { wall, epoch, memory: None, outline: None, is_navigable },
@@ -41,8 +44,8 @@ pub(super) fn start_cluster(
         );
     };
     let reconciled = state_file::reconcile(saved, &wall);
-    log(&reconciled, state);
-    let has_changed = reconciled.has_changed();
+    log(&reconciled);
+    let (has_changed, mut has_dropped) = (reconciled.has_changed(), reconciled.has_dropped());
     let (mut memory, mut outline) = (reconciled.memory, None);
     if let Some(scene) = &memory.scene {
         let folder = BlobStore::new(options.baker.store.join("blobs"));
@@ -53,6 +56,7 @@ pub(super) fn start_cluster(
                     tracing::warn!(reason, "what was edited of the scene is forgotten");
                     memory.edits = SceneEdits::default();
                     memory.revision.0 += 1;
+                    has_dropped = true;
                 }
                 outline = Some(import.scene.outline);
                 memory.notes = import.scene.summary.notes;
@@ -61,6 +65,7 @@ pub(super) fn start_cluster(
             Err(reason) => {
                 tracing::warn!(scene = scene.name, reason, "the last scene is not there any more");
                 memory.scene = None;
+                has_dropped = true;
                 // A state without it has not been numbered yet.
                 memory.revision.0 += 1;
             }
@@ -71,6 +76,10 @@ pub(super) fn start_cluster(
         let name = environment.name;
         tracing::warn!(name, "the last environment is not in the store any more");
         memory.revision.0 += 1;
+        has_dropped = true;
+    }
+    if has_dropped {
+        keep_copy(state);
     }
     allowed.allow(&memory.environment.iter().map(|of| of.blob).collect::<Vec<_>>());
     // What was said once is not said again by the next manager.
@@ -99,7 +108,7 @@ fn allow_assets(
 }
 
 /// Logs what has changed in the wall file since the last manager, and what that makes invalid.
-fn log(reconciled: &Reconciled, state: &StateFile) {
+fn log(reconciled: &Reconciled) {
     let Reconciled { changes, tunings, dropped, .. } = reconciled;
     for change in changes.iter().take(CHANGES_LOGGED_MAX) {
         let value = |value: &Option<String>| value.clone().unwrap_or_else(|| "not set".to_owned());
@@ -119,16 +128,19 @@ fn log(reconciled: &Reconciled, state: &StateFile) {
     for (what, reason) in dropped {
         tracing::warn!(what, reason, "a part of the remembered state was dropped");
     }
-    if reconciled.has_dropped() {
-        match state.keep_copy() {
-            Ok(copy) => {
-                let copy = copy.display();
-                tracing::warn!(%copy, "the state before was kept; read it with --state COPY");
-            }
-            Err(error) => {
-                let path = state.path().display();
-                tracing::warn!(%path, %error, "cannot keep a copy of the state before");
-            }
+}
+
+/// Keeps what was remembered beside the state file, where this start does not go on with all of it:
+/// a store that was not mounted yet must not cost the edits of a scene.
+fn keep_copy(state: &StateFile) {
+    match state.keep_copy() {
+        Ok(copy) => {
+            let copy = copy.display();
+            tracing::warn!(%copy, "the state before was kept; read it with --state COPY");
+        }
+        Err(error) => {
+            let path = state.path().display();
+            tracing::warn!(%path, %error, "cannot keep a copy of the state before");
         }
     }
 }
