@@ -42,19 +42,29 @@ pub struct BudgetGuard {
 }
 
 impl CaptureBudget {
-    /// Room for the pictures of a wall.
+    /// Room for the pictures of a wall, of squares of pixels with this side.
     ///
     /// # Errors
     /// The wall is too large to be captured at once, or other captures take the room.
-    pub fn reserve(&self, wall: &Wall) -> Result<BudgetGuard, String> {
-        let pixels = |x: u32, y: u32| u64::from(x) * u64::from(y);
-        let screens = (0..).zip(&wall.screens);
-        let sides =
-            screens.map(|(index, screen)| (StereoEye::of(wall, index).len() as u64, screen));
-        let screens: u64 = sides.map(|(n, s)| n * pixels(s.canvas.x, s.canvas.y)).sum();
+    pub fn reserve(&self, wall: &Wall, side: NonZeroU32) -> Result<BudgetGuard, String> {
+        let squares = |size: UVec2, side: NonZeroU32| -> u64 {
+            size.to_array().map(|pixels| u64::from(pixels.div_ceil(side.get()))).iter().product()
+        };
+        let (mut all, mut largest) = (0, 0);
+        for (index, screen) in (0..).zip(&wall.screens) {
+            for eye in StereoEye::of(wall, index) {
+                all += squares(screen.canvas, side);
+                // Pictures that are superposed are enlarged for it, one screen after the other.
+                if side > NonZeroU32::MIN && needs_composite(wall, index, *eye) {
+                    let seen = wall.channels.iter().filter(|channel| channel.screen == index);
+                    let whole = seen.map(|of| squares(of.display_size(), NonZeroU32::MIN)).sum();
+                    largest = largest.max(whole);
+                }
+            }
+        }
         let displays = wall.channels.iter().map(Channel::display_size);
-        let all: u64 = displays.map(|size| pixels(size.x, size.y)).sum();
-        let bytes = 4 * (screens + all);
+        all += displays.map(|size| squares(size, side)).sum::<u64>() + largest;
+        let bytes = 4 * all;
         let (takes, most) = (bytes >> 20, CAPTURE_BYTES_MAX >> 20);
         if bytes > CAPTURE_BYTES_MAX {
             return Err(format!(
@@ -289,6 +299,10 @@ fn superpose(
     side: NonZeroU32,
     parts: &[ChannelImage],
 ) {
+    let is_seen = |part: &&ChannelImage| {
+        of.wall.channel(part.channel).is_some_and(|channel| channel.screen == index)
+    };
+    let parts: Vec<_> = parts.iter().filter(is_seen).collect();
     let whole: Vec<_> = parts.iter().map(|part| part.enlarged(of.wall, side)).collect();
     let pictures = parts.iter().zip(&whole);
     let pictures: Vec<_> =

@@ -30,7 +30,7 @@ fn stitched(wall: &Wall, pictures: &[Option<Vec<u8>>]) -> Vec<CaptureImage> {
 
 /// Stitches pictures of squares of pixels.
 fn stitched_by(side: NonZeroU32, wall: &Wall, pictures: &[Option<Vec<u8>>]) -> Vec<CaptureImage> {
-    let room = CaptureBudget::default().reserve(wall).expect("room");
+    let room = CaptureBudget::default().reserve(wall, NonZeroU32::MIN).expect("room");
     let ids: Vec<_> = wall.channel_ids().collect();
     let shapes = GeometryCache::new(BlobStore::new("/nonexistent"));
     let job = ClientRequest { client: SessionId(1), id: RequestId(1) };
@@ -62,16 +62,35 @@ fn captures_share_their_room_and_give_it_back() {
     let mut wall = polyptych_wall_file::parse(text, "w.toml".as_ref()).expect("a wall");
     let memory = CaptureBudget::default();
     // 32 Mi pixels as a screen, and again as channels: 256 MiB.
-    let mut rooms: Vec<_> = (0..4).map(|_| memory.reserve(&wall).expect("room")).collect();
-    let reason = memory.reserve(&wall).expect_err("no more");
+    let mut rooms: Vec<_> =
+        (0..4).map(|_| memory.reserve(&wall, NonZeroU32::MIN).expect("room")).collect();
+    let reason = memory.reserve(&wall, NonZeroU32::MIN).expect_err("no more");
     assert!(reason.contains("1024 MiB of 1024 MiB") && reason.contains("256 MiB"), "{reason}");
     rooms.pop();
-    memory.reserve(&wall).expect("given back");
+    memory.reserve(&wall, NonZeroU32::MIN).expect("given back");
     drop(rooms);
     // Two pictures of the screen, and twice as many pixels on one of eight displays.
     wall.channels[0].adjustment.packing = StereoPacking::SideBySide;
-    let room = memory.reserve(&wall).expect("room");
+    let room = memory.reserve(&wall, NonZeroU32::MIN).expect("room");
     assert_eq!(room.bytes >> 20, 128 * 2 + 128 + 16);
+}
+
+#[test]
+fn previews_of_walls_that_are_too_large_for_captures_have_room() {
+    let text = "[wall]\nname = \"w\"\n[[screen]]\nname = \"front\"\nsize = [2.0, 1.0]\n\
+                center = [0.0, 0.0, -1.0]\n[screen.tiles]\ncolumns = 5\nrows = 4\n\
+                pixels = [3840, 2160]\n";
+    let mut wall = polyptych_wall_file::parse(text, "w.toml".as_ref()).expect("a wall");
+    let memory = CaptureBudget::default();
+    let reason = memory.reserve(&wall, NonZeroU32::MIN).expect_err("1.3 GB");
+    assert!(reason.contains("takes 1265 MiB"), "{reason}");
+    let side = NonZeroU32::new(40).expect("not 0");
+    let room = memory.reserve(&wall, side).expect("room");
+    assert_eq!(room.bytes, 4 * 2 * 20 * 96 * 54);
+    // Where pictures are superposed, all of the screen's are enlarged for that.
+    wall.channels[0].adjustment.mirror = true;
+    let enlarged = memory.reserve(&wall, side).expect("room");
+    assert_eq!(enlarged.bytes - room.bytes, 4 * 20 * 3840 * 2160);
 }
 
 #[test]

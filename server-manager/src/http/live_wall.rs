@@ -221,8 +221,10 @@ impl LiveWall {
             Some(client) => client,
             None => self.join("http previews").await?,
         };
-        let answered = client.ask(Request::Preview { width: PREVIEW_WIDTH_MAX }).await?;
+        let answered = client.ask(Request::Preview { width: PREVIEW_WIDTH_MAX }).await;
+        // Who was refused stays.
         previews.client = Some(client);
+        let answered = answered?;
         let Response::Captured(info) = answered.response else {
             return Err(Refusal::unavailable("the manager sent another answer"));
         };

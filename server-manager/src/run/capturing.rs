@@ -29,7 +29,7 @@ impl EventLoop {
     ) {
         // As it is tuned now: that is what the frame shows.
         let wall = self.cluster.wall();
-        match self.pictures.reserve(wall) {
+        match self.pictures.reserve(wall, side) {
             Ok(room) => {
                 let wall = (wall, &self.shapes);
                 let collection = CaptureJob::new(job, (frame, side), channels, missing, wall, room);
