@@ -17,6 +17,15 @@ pub struct HeadUpdate {
 }
 
 impl HeadUpdate {
+    /// This update behind an older one that was not applied: one that does what both do.
+    pub fn after(self, older: &Self) -> Self {
+        Self {
+            rotation: self.rotation.or(older.rotation),
+            eye_separation_m: self.eye_separation_m.or(older.eye_separation_m),
+            ..self
+        }
+    }
+
     /// The pose that this makes of another.
     pub fn apply(&self, to: &HeadPose) -> HeadPose {
         HeadPose {

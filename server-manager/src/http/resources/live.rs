@@ -52,6 +52,9 @@ const PING_AFTER: Duration = Duration::from_secs(20);
 /// Maximum time without a byte of the peer: three pings may get lost.
 const SILENCE_MAX: Duration = Duration::from_secs(80);
 
+/// Maximum time for the last moves of a peer that is gone.
+const LAST_MOVES_MAX: Duration = Duration::from_secs(5);
+
 /// Bytes that are read at a time.
 const READ_BYTES: usize = 4096;
 
@@ -76,7 +79,10 @@ impl Moves {
     /// Replaces each move that a newer text has.
     fn replace(&mut self, newer: Self) {
         self.camera = newer.camera.or(self.camera.take());
-        self.head = newer.head.or(self.head.take());
+        self.head = match (self.head.take(), newer.head) {
+            (Some(older), Some(newer)) => Some(newer.after(&older)),
+            (older, newer) => newer.or(older),
+        };
         self.pointer = newer.pointer.or(self.pointer.take());
     }
 }
@@ -168,7 +174,21 @@ impl Socket {
     }
 
     async fn serve(mut self, client: HttpClient) {
-        let end = self.turn(client).await;
+        let (mut idle, mut answering) = (Some(client), None::<Answering>);
+        let end = self.turn(&mut idle, &mut answering).await;
+        // What was said last counts, though nobody waits for the answer.
+        let finish = async {
+            let client = match answering.take() {
+                Some(answering) => Some(answering.await.0),
+                None => idle.take(),
+            };
+            if let Some(client) = client.filter(|of| !of.is_over() && !self.waiting.is_empty()) {
+                let moves = std::mem::take(&mut self.waiting);
+                drop(answer_moves(client, Arc::clone(&self.wall), moves).await);
+            }
+        };
+        // A wall that does not draw must not keep the place of who is gone.
+        let _ = tokio::time::timeout(LAST_MOVES_MAX, finish).await;
         if let Some((code, reason)) = end {
             // A peer that is gone needs no goodbye.
             let _ = self.to.write_all(&websocket::close(code, reason)).await;
@@ -176,21 +196,24 @@ impl Socket {
         let _ = self.to.shutdown().await;
     }
 
-    async fn turn(&mut self, client: HttpClient) -> End {
-        let (mut idle, mut answering) = (Some(client), None::<Answering>);
+    async fn turn(
+        &mut self,
+        idle: &mut Option<HttpClient>,
+        answering: &mut Option<Answering>,
+    ) -> End {
         let (mut heard, mut bytes) = (Instant::now(), vec![0; READ_BYTES]);
         let mut asked_at = heard;
         loop {
             if let Some(client) = idle.take_if(|_| !self.waiting.is_empty()) {
                 let (moves, wall) = (std::mem::take(&mut self.waiting), Arc::clone(&self.wall));
-                answering = Some(Box::pin(answer_moves(client, wall, moves)));
+                *answering = Some(Box::pin(answer_moves(client, wall, moves)));
             }
             let next_ping = heard.max(asked_at) + PING_AFTER;
             tokio::select! {
-                (client, value) = wait(&mut answering) => {
-                    answering = None;
+                (client, value) = wait(answering) => {
+                    *answering = None;
                     let is_over = client.is_over();
-                    idle = Some(client);
+                    *idle = Some(client);
                     self.say(&value).await.ok()?;
                     if is_over {
                         return Some((GOING_AWAY, "the manager ended this client"));
@@ -330,12 +353,17 @@ mod tests {
         for text in [
             format!(r#"{{"camera":{}}}"#, camera(1.0)),
             r#"{"pointer":{"screen":"front","pixel":[3,4]}}"#.to_owned(),
+            r#"{"head":{"position":[1,2,3],"rotation":[0,0,1,0]}}"#.to_owned(),
+            r#"{"head":{"position":[4,5,6]}}"#.to_owned(),
             format!(r#"{{"camera":{}}}"#, camera(2.0)),
         ] {
             waiting.replace(parsed(&text));
         }
         assert_eq!(waiting.camera.map(|camera| camera.position.x), Some(2.0));
-        assert!(waiting.pointer.is_some() && waiting.head.is_none());
+        let head = waiting.head.expect("a head");
+        assert_eq!(head.position.x, 4.0);
+        assert_eq!(head.rotation.map(|turn| turn.z), Some(1.0), "what is not given stays");
+        assert!(waiting.pointer.is_some());
         assert!(body::parse::<Moves>(br#"{"speed":1}"#).is_err());
     }
 }
