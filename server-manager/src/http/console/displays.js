@@ -30,7 +30,8 @@ function showRules(rules) {
   byId("rest-until").value = rules.hours ? time(rules.hours.until_min) : "";
 }
 
-const time = (minute) => [minute / 60, minute % 60]
+// 24:00 is 0:00 for a field of a time.
+const time = (minute) => [minute / 60 % 24, minute % 60]
   .map((part) => String(Math.floor(part)).padStart(2, "0")).join(":");
 
 function minute(text) {
@@ -67,12 +68,14 @@ export function startDisplays() {
   }
   on("pattern", "change",
     () => act("PUT", "/api/v1/pattern", { pattern: byId("pattern").value || null }));
-  const bounds = () => actAndDraw("PUT", "/api/v1/bounds", {
-    error_px: Number(byId("error").value),
-    rate_fps: byId("rate").value ? Number(byId("rate").value) : null,
-  });
-  on("error", "change", bounds);
-  on("rate", "change", bounds);
+  // The other bound stays as it is: a slider may not be able to show it.
+  const bound = (change) => {
+    const { error_px, rate_fps } = state.status.presentation.bounds;
+    actAndDraw("PUT", "/api/v1/bounds", { error_px, rate_fps, ...change });
+  };
+  on("error", "change", () => bound({ error_px: Number(byId("error").value) }));
+  on("rate", "change",
+    () => bound({ rate_fps: byId("rate").value ? Number(byId("rate").value) : null }));
   on("set-pace", "click", () => {
     const pace = byId("pace").value;
     const rate = pace ? { rate: Number(pace) } : {};

@@ -8,10 +8,16 @@ const PICTURE_PERIOD_MS = 450;
 export function placeChannels() {
   const { wall } = state;
   const sizes = wall.screens.map((screen) => screen.canvas);
-  const width = sizes.reduce((sum, [x]) => sum + x, 0);
+  // A screen with channels for the right eye has a second picture beside the first.
+  const isForRight = ({ adjustment }) => adjustment.eye === "right";
+  const isStereo = (of) => isForRight(of) || (of.adjustment.packing ?? "none") !== "none";
+  const widths = sizes.map(([x], index) =>
+    wall.channels.some((of) => of.screen === index && isStereo(of)) ? 2 * x : x);
+  const width = widths.reduce((sum, x) => sum + x, 0);
   const height = Math.max(...sizes.map(([, y]) => y));
   const boxes = wall.channels.map((channel) => {
-    const left = sizes.slice(0, channel.screen).reduce((sum, [x]) => sum + x, 0);
+    const before = widths.slice(0, channel.screen).reduce((sum, x) => sum + x, 0);
+    const left = before + (isForRight(channel) ? sizes[channel.screen][0] : 0);
     const box = document.createElement("div");
     box.id = `channel-${channel.name}`;
     box.className = "channel";
