@@ -180,7 +180,11 @@ impl Loader {
                     ServerMessage::PrepareFailed { epoch, revision, reason }
                 }
             };
-            // The connection may be gone; the next one gets a new order.
+            // The next connection gets a new order, for which this is no answer.
+            if line.is_cut.load(Ordering::Relaxed) {
+                continue;
+            }
+            // The connection may be gone since.
             let _ = line.reports.blocking_send(RenderEvent::Status(status));
             if let Some(status) = self.sources.news() {
                 let _ = line.reports.blocking_send(RenderEvent::Status(status));

@@ -109,9 +109,11 @@ fn place(scene: &Scene, below: NewNode, transaction: &mut Transaction) -> Result
         };
         let light = node.light.and_then(|light| scene.lights.get(light as usize)).cloned();
         let mesh = node.mesh.map(provisional_asset);
+        // As other programs write them; nodes that are made have none.
+        let name = node.name.replace(char::is_control, " ");
         let id = transaction.create(NewNode {
             parent: Some(parent),
-            name: first_bytes(&node.name, NODE_NAME_BYTES_MAX).to_owned(),
+            name: first_bytes(&name, NODE_NAME_BYTES_MAX).to_owned(),
             local: node.local,
             mesh: mesh.filter(|_| node.instances.is_empty()),
             light,

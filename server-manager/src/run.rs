@@ -405,7 +405,12 @@ impl EventLoop {
                 self.tell(now, Input::Status { from, status });
             }
             Event::ClientJoins { name, is_local, link, verdict } => {
-                let _ = verdict.send(self.let_client_in(now, name, is_local, link));
+                // Who asked may have given up.
+                if let Err(Ok(welcome)) =
+                    verdict.send(self.let_client_in(now, name, is_local, link))
+                {
+                    self.forget(SessionId(welcome.session), "it was gone before it was let in");
+                }
             }
             Event::BulkJoins { session, proven, is_known } => {
                 let link = self.servers.get_mut(&session);
