@@ -286,7 +286,6 @@ impl Cluster {
         self.deadline.restart();
         self.rate_bound.restart();
         self.registry.restart_warm_up();
-        self.demote_unprepared(now, failed);
         let revision = self.shown.revision;
         let tell = || tracing::info!(revision = revision.0, "the wall shows a new revision");
         self.request_span(job).in_scope(tell);
@@ -316,6 +315,8 @@ impl Cluster {
             (None, Some(summary)) => Response::SceneOpened(summary),
             (None, None) => Response::Done,
         };
+        // This may begin a frame, which has all of the above.
+        self.demote_unprepared(now, failed);
         self.persist();
         self.reply(job, Ok(reply));
     }
