@@ -155,6 +155,8 @@ pub(crate) struct RenderThread {
     /// The scene as clips moved it in the last frame, if they did.
     moment: Option<DrawnMoment>,
     building: Option<SceneBuilder>,
+    /// The reason why the scene that comes cannot be built.
+    build_fault: Option<String>,
     /// The layout of the latest scene in the state that is finished next.
     relayout: Option<(Arc<SceneLayout>, Option<Arc<MovedItems>>)>,
     /// The state that is made drawable, if one is.
@@ -194,6 +196,7 @@ impl RenderThread {
             uploads_ended: Instant::now(),
             moment: None,
             building: None,
+            build_fault: None,
             relayout: None,
             preparation: None,
             showing: PresentationState::default(),
@@ -377,6 +380,7 @@ impl RenderThread {
     fn upload(&mut self, upload: Upload) {
         let uploaded = match upload {
             Upload::Begin { layout, shares, is_part } => {
+                self.build_fault = None;
                 let latest = self.states.back().filter(|_| shares);
                 SceneBuilder::of(&self.gpu, layout)
                     .map(|builder| builder.without_levels(self.losses.levels_left_out))
@@ -407,13 +411,14 @@ impl RenderThread {
             }
             Upload::Abandon => {
                 (self.building, self.relayout, self.preparation) = (None, None, None);
+                self.build_fault = None;
                 Ok(())
             }
         };
         if let Err(reason) = uploaded {
-            // The finish that follows finds no builder, and says so to the loader.
+            // The finish that follows says so to the loader.
             tracing::error!(reason, "a scene could not be built");
-            self.building = None;
+            (self.building, self.build_fault) = (None, Some(reason));
         }
     }
 

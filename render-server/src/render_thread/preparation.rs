@@ -158,6 +158,9 @@ impl RenderThread {
     /// wall around it, and whether it may need pipelines that are not there.
     fn built(&mut self, state: &LoadedState) -> Result<(Rc<GpuScene>, bool, bool), String> {
         let start = Instant::now();
+        if let Some(reason) = self.build_fault.take() {
+            return Err(format!("the scene could not be built: {reason}"));
+        }
         let relayout = self.relayout.take();
         let manifest = |state: &LoadedState| state.scene.map(|scene| scene.manifest);
         let is_built = self.building.is_some();

@@ -2,7 +2,9 @@
 
 use std::sync::mpsc::TryRecvError;
 
+use bytes::Bytes;
 use glam::DAffine3;
+use polyptych_renderer::SceneLayout;
 use polyptych_scene::LightEffects;
 
 use super::*;
@@ -83,4 +85,28 @@ fn a_preparation_that_is_given_up_has_no_answer_and_the_next_one_has() {
     finish(&mut stage.thread, with_effects(&state, glow));
     let plain = stage.show(0.5, OutputMode::Normal);
     assert!(plain.chunks_exact(4).any(|pixel| pixel != &plain[..4]), "the card is seen");
+}
+
+#[test]
+fn a_part_whose_upload_failed_is_not_taken_for_prepared() {
+    let (mut stage, state) = shown();
+    let mut scene = SceneFixture::new();
+    let card = scene.mesh(&MeshFixture::rectangle(1.0, 1.0), None);
+    scene.node(card, DAffine3::IDENTITY);
+    let layout = Arc::new(SceneLayout::new(scene.desc, &|| false).expect("sound"));
+    let next = with_effects(&state, LightEffects::NONE);
+    let finish = |stage: &mut RenderThreadFixture| {
+        let (answer, answered) = sync_channel(1);
+        stage.thread.upload(Upload::Finish { state: Arc::clone(&next), answer });
+        answered.recv().expect("answered")
+    };
+    // Of the same scene, which is there, but not with what has come of it now.
+    stage.thread.upload(Upload::Begin { layout, shares: false, is_part: true });
+    let bytes = Bytes::from_static(b"cut short");
+    stage.thread.upload(Upload::Primitive { mesh: 0, primitive: 0, bytes });
+    let reason = finish(&mut stage).expect_err("the scene before was taken for it");
+    assert!(reason.contains("the scene could not be built"), "{reason}");
+    // What comes then is judged by itself.
+    stage.thread.upload(Upload::Abandon);
+    finish(&mut stage).expect("the scene before is meant");
 }
