@@ -121,7 +121,7 @@ impl BlobSources {
         let mut stores = Vec::new();
         for name in named {
             match StoreUrl::from_text(name) {
-                Ok(None) => self.folders.push(BlobStore::new(name.as_str())),
+                Ok(None) => self.folders.push(BlobStore::foreign(name.as_str())),
                 Ok(Some(url)) => match RemoteStore::open(url) {
                     Ok(store) => stores.push(WatchedStore::of(store)),
                     Err(fault) => stores.push(WatchedStore::unusable(&fault.to_string())),

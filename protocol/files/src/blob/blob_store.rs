@@ -46,12 +46,25 @@ pub enum BlobError {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BlobStore {
     root: PathBuf,
+    /// `true` where others write: what looks damaged may be a file that is still being copied.
+    is_foreign: bool,
 }
 
 impl BlobStore {
     /// The folder at `root`, which need not exist yet.
     pub fn new(root: impl Into<PathBuf>) -> Self {
-        Self { root: root.into() }
+        Self { root: root.into(), is_foreign: false }
+    }
+
+    /// A folder that others write, and from which nothing is removed.
+    pub fn foreign(root: impl Into<PathBuf>) -> Self {
+        Self { root: root.into(), is_foreign: true }
+    }
+
+    fn remove_damaged(&self, path: &Path) {
+        if !self.is_foreign {
+            drop(fs::remove_file(path));
+        }
     }
 
     /// Returns the store's folder.
@@ -92,7 +105,7 @@ impl BlobStore {
             return Ok(Some(Bytes::from(bytes)));
         }
         // A damaged file would be found again and again; without it the blob is fetched anew.
-        drop(fs::remove_file(&path));
+        self.remove_damaged(&path);
         Err(BlobError::Damaged { path })
     }
 
@@ -110,10 +123,13 @@ impl BlobStore {
             Ok((bytes, _)) if bytes > BLOB_BYTES_MAX => Err(BlobError::TooLarge { path, bytes }),
             // No blob is empty: a disk was full, or lost power.
             Ok((0, _)) => {
-                drop(fs::remove_file(&path));
+                self.remove_damaged(&path);
                 Err(BlobError::Damaged { path })
             }
-            Ok((total, file)) => Ok(Some(BlobReader::new(path, file, hash, total))),
+            Ok((total, file)) => {
+                let reader = BlobReader::new(path, file, hash, total);
+                Ok(Some(if self.is_foreign { reader.of_others() } else { reader }))
+            }
         }
     }
 
@@ -122,7 +138,7 @@ impl BlobStore {
     pub fn verify(&self, hash: BlobHash, bytes: u64) -> bool {
         let Ok(Some(mut reader)) = self.open(hash) else { return false };
         if reader.total() != bytes {
-            drop(fs::remove_file(self.path_of(hash)));
+            self.remove_damaged(&self.path_of(hash));
             return false;
         }
         loop {

@@ -8,7 +8,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use super::{Abandoned, BlobHash, BlobStore, CHUNK_BYTES_MAX};
@@ -53,7 +53,7 @@ impl PartialBlob {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             opened => opened?,
         };
-        if file.try_lock().is_err() {
+        if file.try_lock().is_err() || !is_still_there(&file, &path) {
             return Ok(None);
         }
         let whole = file.metadata()?.len() / CHUNK_BYTES_MAX as u64 * CHUNK_BYTES_MAX as u64;
@@ -86,6 +86,21 @@ impl PartialBlob {
         // One that cannot be removed is found damaged again, and bounded by its age.
         let _ = fs::remove_file(&self.path);
     }
+}
+
+/// Returns whether the file that was opened is the one of this path. Another process may have put it
+/// into its place, whole, before it was locked here.
+#[cfg(unix)]
+fn is_still_there(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let number = |facts: io::Result<fs::Metadata>| facts.ok().map(|of| (of.dev(), of.ino()));
+    number(file.metadata()).is_some_and(|of| number(fs::metadata(path)) == Some(of))
+}
+
+/// A file that is open cannot be moved there.
+#[cfg(not(unix))]
+fn is_still_there(_: &File, _: &Path) -> bool {
+    true
 }
 
 impl BlobStore {

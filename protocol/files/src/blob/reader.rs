@@ -19,11 +19,18 @@ pub struct BlobReader {
     total: u64,
     read: u64,
     hasher: BlobHasher,
+    /// `true` if a damaged file is removed.
+    removes: bool,
 }
 
 impl BlobReader {
     pub(super) fn new(path: PathBuf, file: File, hash: BlobHash, total: u64) -> Self {
-        Self { path, file, hash, total, read: 0, hasher: BlobHasher::default() }
+        Self { path, file, hash, total, read: 0, hasher: BlobHasher::default(), removes: true }
+    }
+
+    /// The same, of a file that others write, which is never removed.
+    pub(super) fn of_others(self) -> Self {
+        Self { removes: false, ..self }
     }
 
     /// Its name.
@@ -84,7 +91,9 @@ impl BlobReader {
         self.read += room.len() as u64;
         if self.read == self.total && self.hasher.finish() != self.hash {
             // Found again it would be sent again, and refused again.
-            drop(fs::remove_file(&self.path));
+            if self.removes {
+                drop(fs::remove_file(&self.path));
+            }
             return Err(BlobError::Damaged { path: self.path.clone() });
         }
         Ok(())
@@ -125,5 +134,24 @@ mod tests {
         assert!(reader.next_piece().is_ok() && reader.next_piece().is_ok());
         assert!(matches!(reader.next_piece(), Err(BlobError::Damaged { .. })));
         assert!(folder.open(hash).expect("gone").is_none());
+    }
+
+    #[test]
+    fn nothing_is_removed_from_a_folder_that_others_write() {
+        let root = tempfile::tempdir().expect("a temporary folder");
+        let hash = BlobStore::new(root.path()).write(b"whole").expect("written");
+        let folder = BlobStore::foreign(root.path());
+        let path = folder.path_of(hash);
+        // It is being copied there.
+        for begun in [&b""[..], b"who"] {
+            fs::write(&path, begun).expect("written");
+            assert!(folder.read(hash).is_err());
+            assert!(
+                folder.open(hash).and_then(|reader| reader.expect("there").next_piece()).is_err()
+            );
+            assert!(path.is_file());
+        }
+        fs::write(&path, b"whole").expect("written");
+        assert_eq!(folder.read(hash).expect("read").as_deref(), Some(&b"whole"[..]));
     }
 }
