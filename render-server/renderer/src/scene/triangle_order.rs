@@ -96,8 +96,10 @@ pub(super) fn ordered_batches(layout: &SceneLayout, geometries: &[Geometry]) -> 
             places[item.batch as usize] += 1;
         }
         let mut left = ORDERED_TRIANGLES_MAX;
-        for ((ordered, batch), places) in ordered.iter_mut().zip(&layout.batches).zip(places) {
-            let triangles = batch.triangles.saturating_mul(places);
+        for (index, (ordered, batch)) in (0..).zip(ordered.iter_mut().zip(&layout.batches)) {
+            // All places of a batch may be turned inside out, and into the other, at a time.
+            let twin = layout.twins.get(&index).map_or(0, |twin| places[*twin as usize]);
+            let triangles = batch.triangles.saturating_mul(places[index as usize] + twin);
             *ordered &= triangles <= left;
             left -= if *ordered { triangles } else { 0 };
         }
