@@ -107,11 +107,13 @@ impl Receiver {
             Message::BulkUp(BulkToManager::Picture(chunk)) => {
                 let job = ClientRequest { client: CLIENT, id: RequestId(1) };
                 let ids: Vec<_> = self.wall.channel_ids().collect();
-                let room = CaptureBudget::default().reserve(&self.wall).expect("a small wall");
+                let side = NonZeroU32::MIN;
+                let room = CaptureBudget::default().reserve(&self.wall, side);
+                let room = room.expect("a small wall");
                 // A wall without files asks for none of its blobs.
                 let shapes = GeometryCache::new(BlobStore::new("nowhere"));
                 let wall = (&self.wall, &shapes);
-                let frame = (FrameId(1), NonZeroU32::MIN);
+                let frame = (FrameId(1), side);
                 let mut collection = CaptureJob::new(job, frame, &ids, Vec::new(), wall, room);
                 let _ = collection.add(&chunk);
             }
