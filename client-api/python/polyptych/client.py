@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import html
+import io
 import json
 import logging
+import tarfile
 import threading
 from pathlib import Path, PurePath
 from typing import Any, Callable, Dict, List, Optional, Tuple, Union
@@ -35,6 +37,9 @@ from .scene_calls import SceneCalls
 from .session_calls import SessionCalls
 from .transport import Answer, Call, Transport
 from .wall import Wall
+
+#: The maximum size of a scene's name in the status, in bytes of UTF-8.
+_NAME_BYTES_MAX = 64
 
 #: The maximum size of a request, in bytes of JSON: the manager's own limit.
 REQUEST_BYTES_MAX = 4 << 20
@@ -205,24 +210,16 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
 
         :param time_s: scene time in seconds; frames at equal steps of it make a film, however long
             each takes. Without it the wall's own clock goes on.
-        :param channels: also each channel as its display has it, each drawn once more at the same
-            scene time: other programs should not change the wall meanwhile.
+        :param channels: also each channel as its display has it, of the same frame.
         """
         with self._lock:
             wall = self._described()
-            if channels and time_s is None:
-                time_s = self.render_frame().time_s
+            if channels:
+                return self._archived(wall, time_s)
             whole, headers = self._picture("/wall.rgba", "wall", time_s)
             screens = self._screens_of(wall, whole, time_s)
-            names = [channel.name for channel in wall.channels]
             missing = self._missing(headers)
-            gone = {name for name, _ in missing}
-            pictures = [
-                self._picture(f"/channels/{quote(name, safe='')}.rgba", name, time_s)[0]
-                for name in names
-                if channels and name not in gone
-            ]
-        return Capture(whole.frame or 0, screens, pictures, missing)
+        return Capture(whole.frame or 0, screens, [], missing)
 
     def preview(self, width: int = _PREVIEW_WIDTH, max_age_s: float = 1.0) -> Image:
         """Returns a small picture of the wall as it is, which all who ask share.
@@ -309,7 +306,7 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         It waits as long as the manager opens this scene, or any without a path: the manager itself
         ends what hangs.
         """
-        scene = None if path is None else PurePath(path.partition(":")[2] or path).stem
+        scene = _name_of(path)
         watcher = self._new_transport()
         last: List[OpenProgress] = []
 
@@ -354,6 +351,30 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
             for name in names
         ]
 
+    def _archived(self, wall: Wall, time_s: Optional[float]) -> Capture:
+        """All pictures of one frame."""
+        answer = self._exchange(self._capturing("/capture", time_s, {"format": "rgba"}))
+        screens, channels, missing = [], [], []
+        try:
+            with tarfile.open(fileobj=io.BytesIO(answer.body)) as archive:
+
+                def read(file: str) -> bytes:
+                    member = archive.extractfile(file)
+                    return b"" if member is None else member.read()
+
+                about = json.loads(read("capture.json"))
+                frame = int(about["frame"])
+                for of in about["pictures"]:
+                    name, width, height = str(of["name"]), int(of["width"]), int(of["height"])
+                    image = _whole(name, (width, height), read(of["file"]), frame)
+                    (screens if of["is_screen"] else channels).append(image)
+                missing = [(str(of["name"]), str(of["reason"])) for of in about["missing"]]
+        except (tarfile.TarError, KeyError, TypeError, ValueError) as error:
+            raise MalformedPicture(f"the wall came in no archive of pictures: {error}") from None
+        # A stereo screen's second picture is not in a capture without channels either.
+        named = {screen.name for screen in wall.screens}
+        return Capture(frame, [of for of in screens if of.name in named], channels, missing)
+
     def _missing(self, headers: Any) -> List[Tuple[str, str]]:
         listed = str(headers.get("polyptych-missing", ""))
         if not listed:
@@ -369,22 +390,7 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         time_s: Optional[float],
         query: Optional[Dict[str, Any]] = None,
     ) -> Tuple[Image, Any]:
-        asked = dict(query or {})
-        if time_s is not None:
-            try:
-                asked["time_s"] = encode(float(time_s))
-            except ValueError as error:
-                raise Failed(_CAPTURE, str(error)) from None
-        options = self._options
-        answer = self._exchange(
-            Call(
-                _CAPTURE,
-                "GET",
-                f"{path}?{urlencode(asked)}" if asked else path,
-                options.timeouts.capture,
-                bytes_max=options.capture_bytes_max,
-            )
-        )
+        answer = self._exchange(self._capturing(path, time_s, query or {}))
         try:
             width = int(answer.headers["polyptych-width"])
             height = int(answer.headers["polyptych-height"])
@@ -392,13 +398,23 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
             number = None if frame is None else int(frame)
         except (KeyError, ValueError) as error:
             raise MalformedPicture(f"{name} came without its size: {error}") from None
-        expected = 4 * width * height
-        if len(answer.body) != expected:
-            raise MalformedPicture(
-                f"{name} came with {len(answer.body)} bytes; {width} x {height} pixels have "
-                f"{expected}"
-            )
-        return Image(name, width, height, answer.body, number), answer.headers
+        return _whole(name, (width, height), answer.body, number), answer.headers
+
+    def _capturing(self, path: str, time_s: Optional[float], query: Dict[str, Any]) -> Call:
+        asked = dict(query)
+        if time_s is not None:
+            try:
+                asked["time_s"] = encode(float(time_s))
+            except ValueError as error:
+                raise Failed(_CAPTURE, str(error)) from None
+        options = self._options
+        return Call(
+            _CAPTURE,
+            "GET",
+            f"{path}?{urlencode(asked)}" if asked else path,
+            options.timeouts.capture,
+            bytes_max=options.capture_bytes_max,
+        )
 
     def _repr_png_(self) -> Optional[bytes]:
         """The wall as it stands, for programs that show no HTML."""
@@ -421,6 +437,25 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
             for channel in status.channels
         )
         return f"{figure(title, 'image/png', picture.to_png())}<table>{rows}</table>"
+
+
+def _name_of(path: Optional[str]) -> Optional[str]:
+    """The name by which the manager tells of the opening of this file; `None` for any."""
+    # A saved scene has first its own name and then that of its file.
+    if path is None or path.startswith("saved:"):
+        return None
+    stem = PurePath(path).stem or path
+    return stem.encode("utf-8", "replace")[:_NAME_BYTES_MAX].decode("utf-8", "ignore")
+
+
+def _whole(name: str, size: Tuple[int, int], rgba: bytes, frame: Optional[int]) -> Image:
+    width, height = size
+    expected = 4 * width * height
+    if len(rgba) != expected:
+        raise MalformedPicture(
+            f"{name} came with {len(rgba)} bytes; {width} x {height} pixels have {expected}"
+        )
+    return Image(name, width, height, rgba, frame)
 
 
 def _body(name: str, value: Any) -> bytes:
