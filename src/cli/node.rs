@@ -154,7 +154,7 @@ struct Editor {
     nodes: Option<Vec<NodeInfo>>,
     /// Nodes of this transaction by the name that it gives them.
     made: BTreeMap<String, NodeId>,
-    /// The places and styles of nodes that this transaction has changed.
+    /// The places and styles of nodes that this transaction has made or changed.
     places: BTreeMap<NodeId, (DAffine3, NodeStyle)>,
     transaction: Transaction,
     /// The assets that it brings.
@@ -215,7 +215,8 @@ impl Editor {
         if change.take_switch().is_some() {
             bail!("nothing hangs from a node that is made; set its switch afterwards");
         }
-        let node = change.create(parent, &mut self.transaction);
+        let (node, known) = change.create(parent, &mut self.transaction);
+        self.places.insert(node, known);
         if let Some(name) = name {
             self.made.insert(name.to_owned(), node);
         }
@@ -225,16 +226,12 @@ impl Editor {
     fn set(&mut self, node: &str, mut change: NodeChange) -> anyhow::Result<()> {
         change.take_shape(&mut self.assets)?;
         let node = self.node(node)?;
-        let (local, style) = match self.places.get(&node) {
-            Some(known) => *known,
-            None if node.provisional_index().is_some() => {
-                (DAffine3::IDENTITY, NodeStyle::default())
-            }
-            None => {
-                let mut nodes = self.nodes()?.iter();
-                let known = nodes.find(|of| of.id == node).map(|of| (of.local, of.style));
-                known.ok_or_else(|| anyhow!("there is no {node} in the open scene"))?
-            }
+        let (local, style) = if let Some(known) = self.places.get(&node) {
+            *known
+        } else {
+            let mut nodes = self.nodes()?.iter();
+            let known = nodes.find(|of| of.id == node).map(|of| (of.local, of.style));
+            known.ok_or_else(|| anyhow!("there is no {node} in the open scene"))?
         };
         if let Some(shown) = change.take_switch() {
             let shown = shown.map(|child| self.child(node, &child)).transpose()?;

@@ -73,6 +73,11 @@ fn a_file_of_operations_is_done_whole_or_not_at_all() {
         serde_json::from_str(&local.run(&["transaction", &good, "--json"]).succeeded())
             .expect("JSON");
     assert_eq!(done["created"], serde_json::json!([4, 5]));
+    // A turned arm that was raised stays turned.
+    let arm: Value = serde_json::from_str(&local.run(&["node", "get", "4", "--json"]).succeeded())
+        .expect("JSON");
+    assert_eq!(arm["position"], serde_json::json!([0.0, 1.0, 0.0]));
+    assert_eq!(arm["rotation"][0].as_f64().map(f64::round), Some(90.0), "{arm}");
     let expected = "0 house\n4 arm\n  1 door  mesh 0\n  5 hand  mesh 0, n=5";
     let tree = || local.run(&["scene", "tree"]).succeeded();
     assert_eq!(tree(), expected);

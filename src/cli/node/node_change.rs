@@ -183,7 +183,11 @@ impl NodeChange {
     }
 
     /// Puts a node of this kind into a transaction.
-    pub fn create(self, parent: Option<NodeId>, transaction: &mut Transaction) -> NodeId {
+    pub fn create(
+        self,
+        parent: Option<NodeId>,
+        transaction: &mut Transaction,
+    ) -> (NodeId, (DAffine3, NodeStyle)) {
         let local = self.place(&DAffine3::IDENTITY);
         let name = self.name.clone().unwrap_or_default();
         let mesh = self.mesh.flatten();
@@ -196,8 +200,7 @@ impl NodeChange {
             facing: self.facing,
             ..Self::default()
         };
-        rest.edit(node, (&local, NodeStyle::default()), transaction);
-        node
+        (node, rest.edit(node, (&local, NodeStyle::default()), transaction))
     }
 
     /// Puts the changes of a node that stands so and has this style into a transaction; returns
