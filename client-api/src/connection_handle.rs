@@ -75,6 +75,8 @@ pub(crate) struct TaggedFeedback {
 pub(crate) struct Outgoing {
     id: RequestId,
     posted: Instant,
+    /// The number of the connection that there was then.
+    connection: Option<u64>,
     /// The time that the request may take, once it is sent.
     after: Duration,
     bytes: Bytes,
@@ -195,7 +197,8 @@ impl ConnectionHandle {
         let sent = if bytes > limit {
             Err(ClientError::RequestTooLarge { request: name, bytes, limit })
         } else {
-            let outgoing = Outgoing { id, posted: now, after, bytes: message };
+            let connection = state.lost.is_none().then_some(state.connection);
+            let outgoing = Outgoing { id, posted: now, connection, after, bytes: message };
             self.outgoing.try_send(outgoing).map_err(|_| full())
         };
         if let Err(error) = sent {
@@ -302,7 +305,11 @@ impl Shared {
         let state = &mut *self.lock();
         let is_open = state.open.contains(outgoing.id);
         // A caller may have dropped the answer, and wants the request done all the same.
-        let is_fresh = || self.options.reconnect.is_none_or(|r| now < outgoing.posted + r.wait);
+        let is_fresh = || {
+            let until = |r: crate::ReconnectPolicy| outgoing.posted.checked_add(r.wait);
+            outgoing.connection == Some(state.connection)
+                || self.options.reconnect.and_then(until).is_none_or(|until| now < until)
+        };
         let is_due =
             if is_open { state.open.send(now, outgoing.id, outgoing.after) } else { is_fresh() };
         let session = state.session;
