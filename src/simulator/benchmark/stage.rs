@@ -139,7 +139,8 @@ impl Stage {
     /// Draws a frame and returns its picture of the whole screen.
     pub fn picture(&self, camera: Camera) -> anyhow::Result<Image> {
         self.draw(camera, 0.0)?;
-        let mut capture = unless_ended(&self.local, self.local.client.capture())?;
+        // At the same time, or what moves is compared at two.
+        let mut capture = unless_ended(&self.local, self.local.client.capture_at(Some(0.0)))?;
         if let Some((channel, reason)) = capture.missing.first() {
             bail!("channel {channel} has no picture: {reason}");
         }
