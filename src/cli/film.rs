@@ -196,7 +196,13 @@ fn all_frames(
 /// Returns whether a capture may go through once the manager is there again: that of a stated time
 /// is the same however often it is asked for.
 fn is_lost(error: &ClientError) -> bool {
-    matches!(error, ClientError::ConnectionLost { .. } | ClientError::NotConnected { .. })
+    // One that says goodbye may be started again, or have a standby.
+    matches!(
+        error,
+        ClientError::ConnectionLost { .. }
+            | ClientError::NotConnected { .. }
+            | ClientError::ManagerEnded { .. }
+    )
 }
 
 /// Captures a frame until all channels are in it.

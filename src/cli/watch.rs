@@ -75,7 +75,8 @@ fn print_lines(source: &StatusPoller, json: bool, is_over: &AtomicBool) -> anyho
             std::thread::sleep(LOOK_PERIOD);
             continue;
         }
-        due += LINE_PERIOD;
+        // A process that was stopped for a while says nothing of that time.
+        due = (due + LINE_PERIOD).max(Instant::now());
         let line = line_of(&source.latest(), json)?;
         match writeln!(std::io::stdout(), "{line}") {
             // A reader that has seen enough.
