@@ -277,7 +277,7 @@ fn another_mesh_is_drawn_in_each_place_of_its_node() {
     let copy = crate::Instance { translation, rotation, scale };
     base.nodes[0].instances = vec![copy; copies as usize];
     let primitives = vec![triangle("wall", None); 4];
-    base.meshes.push(crate::Mesh { primitives, ..crate::Mesh::default() });
+    base.meshes.push(Mesh { primitives, ..Mesh::default() });
     let outline = SceneOutline::from(&base);
     for (node, is_held) in [(0, false), (1, true)] {
         let mut edits = SceneEdits::default();
