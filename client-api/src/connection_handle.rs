@@ -74,9 +74,8 @@ pub(crate) struct TaggedFeedback {
 #[derive(Debug)]
 pub(crate) struct Outgoing {
     id: RequestId,
-    posted: Instant,
-    /// The number of the connection that there was then.
-    connection: Option<u64>,
+    /// The time until which it may wait for a connection; `None` if there was one.
+    until: Option<Instant>,
     /// The time that the request may take, once it is sent.
     after: Duration,
     bytes: Bytes,
@@ -197,8 +196,8 @@ impl ConnectionHandle {
         let sent = if bytes > limit {
             Err(ClientError::RequestTooLarge { request: name, bytes, limit })
         } else {
-            let connection = state.lost.is_none().then_some(state.connection);
-            let outgoing = Outgoing { id, posted: now, connection, after, bytes: message };
+            let until = state.lost.as_ref().and_then(|_| now.checked_add(shared.wait()));
+            let outgoing = Outgoing { id, until, after, bytes: message };
             self.outgoing.try_send(outgoing).map_err(|_| full())
         };
         if let Err(error) = sent {
@@ -305,11 +304,7 @@ impl Shared {
         let state = &mut *self.lock();
         let is_open = state.open.contains(outgoing.id);
         // A caller may have dropped the answer, and wants the request done all the same.
-        let is_fresh = || {
-            let until = |r: crate::ReconnectPolicy| outgoing.posted.checked_add(r.wait);
-            outgoing.connection == Some(state.connection)
-                || self.options.reconnect.and_then(until).is_none_or(|until| now < until)
-        };
+        let is_fresh = || outgoing.until.is_none_or(|until| now < until);
         let is_due =
             if is_open { state.open.send(now, outgoing.id, outgoing.after) } else { is_fresh() };
         let session = state.session;

@@ -208,7 +208,7 @@ with polyptych.Client.connect(sys.argv[1]) as wall:
         assert 'displays are in mode blank' in texts
     assert wall._repr_png_()[1:4] == b'PNG' and 'front</td><td>live' in wall._repr_html_()
     capture = wall.capture(channels=True)
-    assert [image.name for image in capture.channels] == ['front-1-1'] and not capture.missing
+    assert [image.name for image in capture.channels] == ['front'] and not capture.missing
     assert {image.frame for image in [*capture.screens, *capture.channels]} == {capture.frame}
     for image in [*capture.screens, *capture.channels]:
         assert (image.width, image.height) == (480, 272) and image._repr_png_()[1:4] == b'PNG'

@@ -1,5 +1,6 @@
 //! `scene tree`, `node` and `transaction`, as a person types them.
 
+use polyptych_client::NodeQuery;
 use serde_json::Value;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, small};
@@ -74,10 +75,10 @@ fn a_file_of_operations_is_done_whole_or_not_at_all() {
             .expect("JSON");
     assert_eq!(done["created"], serde_json::json!([4, 5]));
     // A turned arm that was raised stays turned.
-    let arm: Value = serde_json::from_str(&local.run(&["node", "get", "4", "--json"]).succeeded())
-        .expect("JSON");
-    assert_eq!(arm["position"], serde_json::json!([0.0, 1.0, 0.0]));
-    assert_eq!(arm["rotation"][0].as_f64().map(f64::round), Some(90.0), "{arm}");
+    let nodes = local.client().find_all_nodes(NodeQuery::default()).expect("found");
+    let arm = nodes.iter().find(|node| node.name == "arm").expect("an arm").local;
+    assert_eq!(arm.translation.to_array(), [0.0, 1.0, 0.0]);
+    assert!((arm.matrix3.y_axis.z - 1.0).abs() < 1e-12, "{arm}");
     let expected = "0 house\n4 arm\n  1 door  mesh 0\n  5 hand  mesh 0, n=5";
     let tree = || local.run(&["scene", "tree"]).succeeded();
     assert_eq!(tree(), expected);

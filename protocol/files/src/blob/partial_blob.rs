@@ -88,8 +88,8 @@ impl PartialBlob {
     }
 }
 
-/// Returns whether the file that was opened is the one of this path. Another process may have put it
-/// into its place, whole, before it was locked here.
+/// Returns whether the file that was opened is the one of this path. Another process may have put
+/// it into its place, whole, before it was locked here.
 #[cfg(unix)]
 fn is_still_there(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;

@@ -50,8 +50,9 @@ impl Slots {
 /// The name of a texture's slot: bytes, format, width, height and number of levels.
 pub(super) type TextureName = (BlobHash, TextureFormat, [u32; 3]);
 
-/// The name of a primitive's slot: bytes, layout, topology, and the numbers of vertices, indices, indices of
-/// coarser levels, and meshlets; where clips bend it, its mesh too, which has vertices of its own.
+/// The name of a primitive's slot: bytes, layout, topology, and the numbers of vertices, indices,
+/// indices of coarser levels, and meshlets; where clips bend it, its mesh too, which has vertices of
+/// its own.
 pub(super) type GeometryName =
     (BlobHash, (VertexLayout, Topology), IndexFormat, [u32; 4], Option<usize>);
 
