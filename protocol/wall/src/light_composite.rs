@@ -91,7 +91,7 @@ pub fn needs_composite(wall: &Wall, screen: u16, side: StereoEye) -> bool {
             && !adjustment.mirror
     };
     let meets =
-        |(at, lamp): (usize, &BlendChannel<'_>)| lamps[..at].iter().any(|o| lamp.may_overlap(o));
+        |(at, lamp): (usize, &BlendChannel<'_>)| lamps[..at].iter().any(|o| lamp.may_light_same(o));
     let leaks = lamps.iter().any(|lamp| wall.leak_of(lamp.channel) != DVec3::ZERO);
     leaks || !lamps.iter().all(is_plain) || lamps.iter().enumerate().any(meets)
 }

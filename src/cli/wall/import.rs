@@ -239,7 +239,7 @@ fn wall_text(arguments: &Arguments, imported: &Imported) -> anyhow::Result<Strin
             files.map(|(key, file)| format!("{key} = \"{file}\"\n")).collect();
         if lit.is_some() && region.alpha.is_some() {
             // The archive shares the light already.
-            lines.push("edges = { left = 0, right = 0, top = 0, bottom = 0 }\n".to_owned());
+            lines.push("ramps = \"alpha\"\n".to_owned());
         }
         if !lines.is_empty() {
             let _ = write!(text, "\n[channel.\"{}\"]\n{}", region.name, lines.concat());

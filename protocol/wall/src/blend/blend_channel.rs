@@ -100,11 +100,15 @@ impl<'a> BlendChannel<'a> {
         }
     }
 
-    /// Returns whether both may light one place. Exact if both are tiles without a correction of
-    /// their form.
+    /// Returns whether both may light one place, of which the weights share the light.
     pub fn may_overlap(&self, other: &Self) -> bool {
-        let lights = |lamp: &Self| lamp.map.is_some() && !lamp.is_blended_by_file;
-        if !self.shares_screen(other) || !lights(self) || !lights(other) {
+        !self.is_blended_by_file && !other.is_blended_by_file && self.may_light_same(other)
+    }
+
+    /// Returns whether both may light one place, whatever shares the light. Exact if both are tiles
+    /// without a correction of their form.
+    pub fn may_light_same(&self, other: &Self) -> bool {
+        if !self.shares_screen(other) || self.map.is_none() || other.map.is_none() {
             return false;
         }
         if self.is_plain_tile() && other.is_plain_tile() {

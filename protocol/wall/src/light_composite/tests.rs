@@ -195,6 +195,18 @@ fn displays_that_hang_otherwise_are_put_upright() {
 }
 
 #[test]
+fn tiles_that_overlap_are_superposed_whatever_shares_their_light() {
+    let mut wall = tiles([3, 1], &[([0, 0], [2, 1]), ([1, 0], [2, 1])]);
+    assert!(needs_composite(&wall, 0, StereoEye::Left));
+    for channel in &mut wall.channels {
+        channel.adjustment.ramps = crate::Ramps::Alpha;
+    }
+    assert!(needs_composite(&wall, 0, StereoEye::Left));
+    wall.channels[1].origin.x = 2;
+    assert!(!needs_composite(&wall, 0, StereoEye::Left));
+}
+
+#[test]
 fn each_eye_sees_its_own_channels() {
     let mut wall = tiles([2, 1], &[([0, 0], [2, 1]), ([0, 0], [2, 1])]);
     assert_eq!(StereoEye::of(&wall, 0), [StereoEye::Left]);
