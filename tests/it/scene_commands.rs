@@ -78,7 +78,7 @@ fn a_file_of_operations_is_done_whole_or_not_at_all() {
     let nodes = local.client().find_all_nodes(NodeQuery::default()).expect("found");
     let arm = nodes.iter().find(|node| node.name == "arm").expect("an arm").local;
     assert_eq!(arm.translation.to_array(), [0.0, 1.0, 0.0]);
-    assert!((arm.matrix3.y_axis.z - 1.0).abs() < 1e-12, "{arm}");
+    assert!((arm.matrix3.x_axis.z + 1.0).abs() < 1e-12, "{arm}");
     let expected = "0 house\n4 arm\n  1 door  mesh 0\n  5 hand  mesh 0, n=5";
     let tree = || local.run(&["scene", "tree"]).succeeded();
     assert_eq!(tree(), expected);

@@ -62,7 +62,8 @@ pub(super) struct Bound {
 }
 
 /// Joint · inverse bind matrix of each joint of a skin, in the frame of their last common parent
-/// before the first one at which the chain from the root ends, or in the world. Below equal parents, copies of a skeleton give equal bits.
+/// before the first one at which the chain from the root ends, or in the world. Below equal
+/// parents, copies of a skeleton give equal bits.
 pub(super) fn joints(
     job: &BakeJob<'_>,
     tree: &Tree<'_>,

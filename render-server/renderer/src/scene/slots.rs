@@ -51,8 +51,8 @@ impl Slots {
 pub(super) type TextureName = (BlobHash, TextureFormat, [u32; 3]);
 
 /// The name of a primitive's slot: bytes, layout, topology, and the numbers of vertices, indices,
-/// indices of coarser levels, and meshlets; where clips bend it, its mesh too, which has vertices of
-/// its own.
+/// indices of coarser levels, and meshlets; where clips bend it, its mesh too, which has vertices
+/// of its own.
 pub(super) type GeometryName =
     (BlobHash, (VertexLayout, Topology), IndexFormat, [u32; 4], Option<usize>);
 
