@@ -28,6 +28,10 @@ const PREPARE_TIME_MAX: Micros = 120_000_000;
 /// waits behind it, for the wall would be dark with it: ten GiB take an hour at 25 Mbit/s.
 const SCENE_TIME_MAX: Micros = 3_600_000_000;
 
+/// Time after which a client that waits for a scene is told that it is still prepared: a quarter of
+/// that after which clients give up.
+const OPEN_PROGRESS_PERIOD: Micros = 30_000_000;
+
 /// The states of channels that a change waits for.
 const ON_TIME: [ChannelState; 2] = [ChannelState::Live, ChannelState::Ready];
 
@@ -105,15 +109,22 @@ impl Cluster {
         }
     }
 
-    /// Gives a scene that no display is ready for more time, unless another change waits behind it.
-    /// Returns whether it was given.
+    /// Gives a scene on its way more time: all as much as a change has, and one that no display is
+    /// ready for as long as no other change waits behind it. Returns whether it was given.
     fn wait_longer(&mut self, now: Micros) -> bool {
         let is_alone = self.changes.waiting() == 0;
         let Some(underway) = &self.changes.current else { return false };
-        let is_dark = underway.change.opened().is_some() && !self.is_prepared_by_one(underway);
-        let is_given = is_dark && is_alone && now - underway.begun < SCENE_TIME_MAX;
+        if underway.change.opened().is_none() {
+            return false;
+        }
+        let is_dark = !self.is_prepared_by_one(underway);
+        let longest = if is_dark && is_alone { SCENE_TIME_MAX } else { PREPARE_TIME_MAX };
+        let is_given = now.saturating_sub(underway.begun) < longest;
         if let Some(underway) = self.changes.current.as_mut().filter(|_| is_given) {
-            underway.expires = now + PREPARE_TIME_MAX;
+            underway.expires = now + OPEN_PROGRESS_PERIOD;
+            // As news, though it may be no other number.
+            underway.told_percent = None;
+            self.tell_preparing();
         }
         is_given
     }
@@ -137,7 +148,12 @@ impl Cluster {
             }
             let digest = replica.digest();
             let is_part = matches!(change.purpose, ChangeOrigin::Residency);
-            let expires = now + if is_part { PART_TIME_MAX } else { PREPARE_TIME_MAX };
+            let expires = now
+                + match change.opened() {
+                    Some(_) => OPEN_PROGRESS_PERIOD,
+                    None if is_part => PART_TIME_MAX,
+                    None => PREPARE_TIME_MAX,
+                };
             let (failed, told_percent) = (Vec::new(), None);
             let begun = now;
             let underway =

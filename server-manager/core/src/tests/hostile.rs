@@ -98,6 +98,8 @@ fn a_scene_that_no_display_is_ready_for_is_waited_for_and_never_called_open() {
     let large = stage.open("large");
     stage.live_for(600_000_000);
     assert_eq!((stage.reply(large), stage.cluster.shown.revision), (None, shown), "dark");
+    let told = stage.progress.iter().filter(|(of, _)| *of == large).count();
+    assert!(told >= 600 / 120 * 2, "{told} times: clients wait 120 s for news");
     // Another change does not wait for it longer than for any.
     let edit = stage.request(Request::SetFog(Some(polyptych_scene::Fog::even(50.0))));
     stage.live_for(130_000_000);
