@@ -90,6 +90,15 @@ impl<'a> ChannelMapping<'a> {
         }
     }
 
+    /// The place of the screen's canvas of a point of display space that the channel's warp names:
+    /// where the wall's eye sees it, as for [`Self::canvas_from_pixel`].
+    pub(crate) fn canvas_from_point(&self, point: DVec3) -> Option<DVec2> {
+        match (&self.channel.cover, self.warp) {
+            (ChannelKind::Map, Some((_, eye))) => self.ground.canvas_through(eye, point),
+            _ => self.ground.screen.canvas_from_display(point),
+        }
+    }
+
     /// The place of the channel's picture that shows a place of the canvas; it may lie outside.
     pub fn pixel_from_canvas(&self, canvas: DVec2) -> Option<DVec2> {
         let point = match self.channel.cover {

@@ -149,7 +149,7 @@ impl CanvasStrip {
                         MappedPoint { canvas, surface: screen.display_from_canvas(canvas)? }
                     }
                     MapCoordinates::Display => {
-                        MappedPoint { canvas: screen.canvas_from_display(value)?, surface: value }
+                        MappedPoint { canvas: pixels.canvas_from_point(value)?, surface: value }
                     }
                 })
             }
@@ -170,7 +170,7 @@ impl CanvasStrip {
                             channel.origin.as_dvec2() + pixels.ideal_from_pixel(vertex.pixel)?,
                         );
                     }
-                    screen.canvas_from_display(vertex.point)
+                    pixels.canvas_from_point(vertex.point)
                 })
             }
             _ => WarpMesh::new(channel.size, TessellationOptions::default(), |pixel| {

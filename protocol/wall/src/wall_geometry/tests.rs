@@ -205,3 +205,44 @@ fn a_screen_of_files_is_stitched_as_one_of_geometry() {
         assert!(blind.row(50).iter().all(Option::is_none));
     }
 }
+
+#[test]
+fn views_lie_where_the_eye_sees_points_that_are_not_on_the_screen() {
+    use crate::view::{CanvasRect, PointSpace};
+    // A plane at 2 m stands for what is at 4 m, as in an imported MPCDI archive.
+    let (size, canvas) = (UVec2::new(64, 32), UVec2::new(64, 32));
+    let plane = crate::surface::Plane::upright(DVec3::NEG_Z * 2.0, DVec2::new(2.0, 1.0));
+    let screen = Screen::new("front", Surface::Plane(plane), canvas);
+    let mut channel = Channel::tile("c", 0, UVec2::ZERO, size);
+    channel.cover = ChannelKind::Map;
+    channel.adjustment.warp = Some(0);
+    let mut wall = Wall { eye: DVec3::ZERO, ..Wall::new("w", vec![screen], vec![channel]) };
+    let point = |place: DVec2| DVec3::new(place.x * 4.0 - 2.0, 1.0 - place.y * 2.0, -4.0);
+    let grid = grid(size, |place| Some(point(place)));
+    let mut triangles = Vec::new();
+    for i in 0..12 {
+        let at = i / 4 * 5 + i % 4;
+        triangles.extend([[at, at + 1, at + 5], [at + 5, at + 1, at + 6]]);
+    }
+    let vertex = |i: u32| {
+        let place = DVec2::new(f64::from(i % 5) / 4.0, f64::from(i / 5) / 3.0);
+        let (place, value) = (place.as_vec2(), point(place).as_vec3());
+        crate::warp::ImportedVertex { place, value, light: 1.0 }
+    };
+    let mesh = crate::warp::ImportedMesh { vertices: (0..20).map(vertex).collect(), triangles };
+    for shape in [grid, WarpGeometry::Mesh(mesh)] {
+        wall.files.clear();
+        let map = CalibrationMap::Warp(WarpMap { space: MapCoordinates::Display, shape });
+        let maps = with_files(&mut wall, CalibrationFileKind::Warp, &[map]);
+        let shapes = WallGeometry::new(&wall, &maps);
+        let shaped = ResolvedWall { wall: &wall, shapes: &shapes };
+        let part = CanvasRect { begin: DVec2::ZERO, end: canvas.as_dvec2() };
+        let mesh = shaped.overlay_mesh(&maps, ChannelId(0), part, PointSpace::Canvas);
+        let mesh = mesh.expect("a mesh");
+        for at in [[1.5, 1.5], [20.5, 9.5], [40.5, 30.5], [62.5, 16.5]].map(DVec2::from) {
+            let found = mesh.point_at(at).unwrap_or_else(|| panic!("nothing at {at}"));
+            let found = DVec2::new(found.x, -found.y) / -found.z;
+            assert!(found.distance(at) < PLACE_ERROR_MAX, "{found} at {at}");
+        }
+    }
+}
