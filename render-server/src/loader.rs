@@ -17,6 +17,7 @@ use std::time::Instant;
 
 use bytes::Bytes;
 use crossbeam_channel::{Receiver, Sender};
+use glam::DVec3;
 use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::command::Prepare;
 use polyptych_protocol::ids::{Digest, Epoch};
@@ -137,7 +138,7 @@ pub(crate) struct Loader {
     ready_maps: BTreeMap<BlobHash, Arc<CalibrationMap>>,
     /// The geometry that these files give to a wall, which is kept as it was before it was
     /// adjusted.
-    ready_shapes: Option<(Wall, Arc<WallGeometry>)>,
+    ready_shapes: Option<((Wall, bool), Arc<WallGeometry>)>,
 }
 
 impl Loader {
@@ -270,13 +271,17 @@ impl Loader {
             let warp = channel.adjustment.warp;
             channel.adjustment = ChannelCalibration { warp, ..ChannelCalibration::default() };
         }
-        if let Some((_, shapes)) = self.ready_shapes.as_ref().filter(|(known, _)| *known == bare) {
+        // The wall has one black, to which all of its overlaps add.
+        let wants_all = wall.channels.iter().any(|of| wall.leak_of(of) != DVec3::ZERO);
+        let key = (bare, wants_all);
+        if let Some((_, shapes)) = self.ready_shapes.as_ref().filter(|(known, _)| *known == key) {
             return Arc::clone(shapes);
         }
         let own = |name: &String| wall.channel_by_name(name).map(|(_, channel)| channel.screen);
         let screens: Vec<u16> = self.channels.iter().filter_map(own).collect();
-        let shapes = Arc::new(WallGeometry::of(wall, maps, |screen| screens.contains(&screen)));
-        self.ready_shapes = Some((bare, Arc::clone(&shapes)));
+        let is_wanted = |screen| wants_all || screens.contains(&screen);
+        let shapes = Arc::new(WallGeometry::of(wall, maps, is_wanted));
+        self.ready_shapes = Some((key, Arc::clone(&shapes)));
         shapes
     }
 

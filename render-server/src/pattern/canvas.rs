@@ -43,7 +43,7 @@ pub(super) fn line_spacing(wall: &Wall, screen: &Screen) -> f64 {
 pub(super) fn grid(wall: &Wall, screen: &Screen, places: &PixelPositions<'_>) -> RgbaImage {
     let minor = line_spacing(wall, screen);
     let major = minor * MINOR_PER_MAJOR;
-    let numbers = GridLabels::new(major, places);
+    let numbers = GridLabels::new(major, screen.canvas.as_dvec2(), places);
     places.paint(
         |_| (),
         |(), place| {
@@ -132,13 +132,16 @@ struct GridLabels {
 }
 
 impl GridLabels {
-    fn new(major: f64, places: &PixelPositions<'_>) -> Self {
+    fn new(major: f64, canvas: DVec2, places: &PixelPositions<'_>) -> Self {
         let step = major * (NUMBER_SPACING / major).ceil().max(1.0);
         let scale = (step / 512.0).floor().max(1.0);
         let offset = DVec2::splat(LINE_WIDTH + 2.0);
         let mut inks = BTreeMap::new();
         if let Some((low, high)) = places.bounds() {
-            let cell = |at: DVec2| (at / step).floor().as_ivec2();
+            // A projector that grazes a plane lights it up to anywhere. Around a dome, places may be
+            // a turn away.
+            let near = |at: DVec2| at.clamp(-canvas, 2.0 * canvas);
+            let cell = |at: DVec2| (near(at) / step).floor().as_ivec2();
             let (first, last) = (cell(low - step), cell(high + step));
             for row in first.y..=last.y {
                 for column in first.x..=last.x {
