@@ -8,7 +8,7 @@ use glam::{DQuat, DVec2, DVec3};
 use polyptych_protocol::navigation::{Flight, Navigation};
 use polyptych_scene::Bounds;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::{ChannelId, Wall};
+use polyptych_wall::{ChannelCalibration, ChannelId, Orientation, StereoPacking, Wall};
 use serde::{Deserialize, Serialize};
 
 use super::{Cluster, Micros, SessionId};
@@ -99,7 +99,8 @@ impl Cluster {
         if !self.navigator.is_allowed {
             return;
         }
-        let Some((id, _)) = self.wall.channel_by_name(&navigation.channel) else { return };
+        let Some((id, channel)) = self.wall.channel_by_name(&navigation.channel) else { return };
+        let navigation = &upright(&channel.adjustment, navigation);
         let Some(bounds) = self.navigator.bounds.filter(|_| self.registry.owns_channel(from, id))
         else {
             return;
@@ -161,6 +162,27 @@ fn moved(
     let turned = turned(&zoomed, pivot, navigation.orbit_rad);
     let next = panned(&turned, eye, pivot, picture, navigation.pan);
     is_in_reach(camera, &next, eye, bounds).then_some(next)
+}
+
+/// Returns what a movement on a display is for who looks at its picture, which may be turned, packed
+/// for two eyes and mirrored on it.
+fn upright(adjustment: &ChannelCalibration, navigation: &Navigation) -> Navigation {
+    let seen = |by: DVec2| {
+        let turned = match adjustment.turn {
+            Orientation::None => by,
+            Orientation::Left => DVec2::new(by.y, -by.x),
+            Orientation::Right => DVec2::new(-by.y, by.x),
+            Orientation::Half => -by,
+        };
+        turned * DVec2::new(if adjustment.mirror { -1.0 } else { 1.0 }, 1.0)
+    };
+    let pictures = match adjustment.packing {
+        StereoPacking::None | StereoPacking::Anaglyph => DVec2::ONE,
+        StereoPacking::SideBySide => DVec2::new(2.0, 1.0),
+        StereoPacking::TopBottom => DVec2::new(1.0, 2.0),
+    };
+    let (orbit_rad, pan) = (seen(navigation.orbit_rad), seen(navigation.pan) * pictures);
+    Navigation { orbit_rad, pan, ..navigation.clone() }
 }
 
 /// Returns whether a camera is valid, and not further from the scene than it was and may be.

@@ -3,6 +3,7 @@
 use polyptych_protocol::navigation::Navigation;
 
 use super::*;
+use polyptych_wall::ChannelCalibration;
 use polyptych_wall::camera::Camera;
 
 fn turn(channel: &str) -> ServerMessage {
@@ -107,4 +108,29 @@ fn moves_that_no_window_of_the_server_can_make_are_ignored() {
     stage.say(SessionId(0), turn("c0"));
     stage.wait(100_000);
     assert_eq!(stage.frames.len(), 0);
+}
+
+#[test]
+fn a_finger_moves_the_picture_as_it_hangs() {
+    use polyptych_wall::{Orientation, StereoPacking};
+    let after = |change: &dyn Fn(&mut ChannelCalibration), pan: [f64; 2], orbit_rad: [f64; 2]| {
+        let mut stage = with_scene();
+        change(&mut stage.cluster.wall.channels[1].adjustment);
+        let moved = Navigation {
+            pan: DVec2::from(pan),
+            orbit_rad: DVec2::from(orbit_rad),
+            ..Navigation::none("c1")
+        };
+        stage.say(SessionId(1), ServerMessage::Navigate(moved));
+        stage.cluster.presentation.camera
+    };
+    let upright = after(&|_| {}, [0.1, 0.2], [0.3, 0.4]);
+    // The upper side of the display is at the viewer's left.
+    let left = after(&|of| of.turn = Orientation::Left, [-0.2, 0.1], [-0.4, 0.3]);
+    let right = after(&|of| of.turn = Orientation::Right, [0.2, -0.1], [0.4, -0.3]);
+    let half = after(&|of| of.turn = Orientation::Half, [-0.1, -0.2], [-0.3, -0.4]);
+    let mirrored = after(&|of| of.mirror = true, [-0.1, 0.2], [-0.3, 0.4]);
+    let packed = after(&|of| of.packing = StereoPacking::SideBySide, [0.05, 0.2], [0.3, 0.4]);
+    assert_eq!([left, right, half, mirrored, packed], [upright; 5]);
+    assert!(upright != after(&|_| {}, [0.0; 2], [0.0; 2]));
 }
