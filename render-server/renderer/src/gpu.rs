@@ -308,6 +308,8 @@ fn open_device(
         max_texture_dimension_2d: offered.max_texture_dimension_2d,
         max_buffer_size: offered.max_buffer_size,
         max_storage_buffer_binding_size: offered.max_storage_buffer_binding_size,
+        // Glass with a grain, lamps, surroundings and ambient occlusion together read 17.
+        max_sampled_textures_per_shader_stage: offered.max_sampled_textures_per_shader_stage,
         ..wgpu::Limits::downlevel_defaults()
     };
     let request = adapter.request_device(&wgpu::DeviceDescriptor {

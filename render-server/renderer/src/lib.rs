@@ -198,7 +198,7 @@ impl Renderer {
     /// Sets what edges shadows have. Scenes are to be prepared with it before they are drawn.
     pub fn set_shadows(&mut self, shadows: ShadowFilter) {
         self.pipelines.surfaces.shadows = shadows;
-        self.shadows.filter = shadows;
+        self.shadows.set_filter(shadows);
     }
 
     /// Samples per pixel.

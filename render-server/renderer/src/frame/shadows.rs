@@ -55,6 +55,13 @@ pub(crate) struct Shadows {
 }
 
 impl Shadows {
+    /// Sets how edges look; maps of another filter have other borders, and are drawn anew.
+    pub fn set_filter(&mut self, filter: ShadowFilter) {
+        if std::mem::replace(&mut self.filter, filter) != filter {
+            (self.suns, self.lamps) = (MapSets::default(), MapSets::default());
+        }
+    }
+
     pub fn new(gpu: &Gpu) -> Self {
         Self {
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
