@@ -138,8 +138,8 @@ impl GridLabels {
         let offset = DVec2::splat(LINE_WIDTH + 2.0);
         let mut inks = BTreeMap::new();
         if let Some((low, high)) = places.bounds() {
-            // A projector that grazes a plane lights it up to anywhere. Around a dome, places may be
-            // a turn away.
+            // A projector that grazes a plane lights it up to anywhere. Around a dome, places may
+            // be a turn away.
             let near = |at: DVec2| at.clamp(-canvas, 2.0 * canvas);
             let cell = |at: DVec2| (near(at) / step).floor().as_ivec2();
             let (first, last) = (cell(low - step), cell(high + step));

@@ -164,8 +164,8 @@ fn moved(
     is_in_reach(camera, &next, eye, bounds).then_some(next)
 }
 
-/// Returns what a movement on a display is for who looks at its picture, which may be turned, packed
-/// for two eyes and mirrored on it.
+/// Returns what a movement on a display is for who looks at its picture, which may be turned,
+/// packed for two eyes and mirrored on it.
 fn upright(adjustment: &ChannelCalibration, navigation: &Navigation) -> Navigation {
     let seen = |by: DVec2| {
         let turned = match adjustment.turn {
