@@ -250,7 +250,9 @@ impl<'a> BlendModel<'a> {
             .collect();
         let seen = lit.iter().filter(|(_, light)| [Eye::Center, side].contains(&light.eye));
         let shared = seen.map(|(id, own)| {
-            let others = lit.iter().filter(|(other, _)| other != id);
+            // Who brings shares of light of its own is not one of them.
+            let family = self.family(*id);
+            let others = lit.iter().filter(|(other, _)| family.contains(other));
             let others: Vec<_> = others
                 .map(|(other, light)| EyeContribution { is_before: other < id, ..*light })
                 .collect();
@@ -279,7 +281,15 @@ impl<'a> BlendModel<'a> {
         family.into_iter().collect()
     }
 
-    /// The channels that may light what this one lights.
+    /// Returns whether two channels may light one place, whatever shares its light.
+    pub fn may_light_same(&self) -> bool {
+        let meets = |(at, lamp): (usize, &BlendChannel<'_>)| {
+            self.lamps[..at].iter().any(|other| lamp.may_light_same(other))
+        };
+        self.lamps.iter().enumerate().any(meets)
+    }
+
+    /// The channels with which this one shares the light of some place by weights.
     pub fn neighbours(&self, id: ChannelId) -> &[ChannelId] {
         self.lamps.get(usize::from(id.0)).map_or(&[], |lamp| &lamp.neighbours)
     }

@@ -43,8 +43,7 @@ struct Lit<'a> {
 /// The worst place of each screen and eye at which two channels or more share light.
 pub(super) fn worst(of: ResolvedWall<'_>, maps: &CalibrationMaps) -> Vec<BlendRow> {
     let blend = BlendModel::new(of);
-    let is_shared = of.wall.channel_ids().any(|id| !blend.neighbours(id).is_empty());
-    if !is_shared {
+    if !blend.may_light_same() {
         return Vec::new();
     }
     let screens = 0..of.wall.screens.len();

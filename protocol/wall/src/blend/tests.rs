@@ -330,7 +330,12 @@ fn ramps_of_an_alpha_file_replace_those_that_are_computed() {
         replaced += usize::from((shared.texel(x, y, 0)[0] - alpha).abs() > 1e-3);
     }
     assert!(replaced > 1_000, "{replaced} pixels had a ramp");
-    assert_eq!(BlendModel::new(&wall).overlap_max(), 1);
+    let blend = BlendModel::new(&wall);
+    assert_eq!(blend.overlap_max(), 1);
+    assert!(blend.may_light_same());
+    // Where both light a place, each gives all that its own file leaves.
+    let middle = blend.weights(ChannelId(0), wall.screens[0].canvas.as_dvec2() / 2.0);
+    assert!(middle.len() > 1 && middle.iter().all(|(_, weight)| *weight == 1.0), "{middle:?}");
 }
 
 fn random_wall() -> impl Strategy<Value = Wall> {
