@@ -241,7 +241,7 @@ impl CaptureJob {
 
     /// A picture for each screen and eye, then one for each channel that sent its own, as its
     /// display gets it; and the room that they take. What the right eye sees of a screen, where
-    /// that is something else, has the screen's name and `-right`.
+    /// that is something else, has the screen's name and `-right` ([`right_eye_name`]).
     pub fn stitch(self) -> (Vec<CaptureImage>, BudgetGuard) {
         let wall = &self.wall;
         let shapes = self.shapes.get(wall);
@@ -260,6 +260,16 @@ impl CaptureJob {
     }
 }
 
+/// The name of what the right eye sees of a screen. The pictures of different screens and eyes have
+/// different names: where a screen has this one, as beside a `front` in a CAVE, `-eye` follows.
+fn right_eye_name(wall: &Wall, screen: &str) -> String {
+    let mut name = format!("{screen}-right");
+    while wall.screens.iter().any(|other| other.name == name) {
+        name.push_str("-eye");
+    }
+    name
+}
+
 /// Returns the picture that one eye sees of a screen: each pixel is that in the middle of a square,
 /// `side` pixels of the screen along each side.
 fn screen_picture(
@@ -272,7 +282,7 @@ fn screen_picture(
     let screen = &wall.screens[usize::from(index)];
     let name = match eye {
         StereoEye::Left => screen.name.clone(),
-        StereoEye::Right => format!("{}-right", screen.name),
+        StereoEye::Right => right_eye_name(wall, &screen.name),
     };
     let [width, height] = screen.canvas.to_array().map(|pixels| pixels.div_ceil(side.get()));
     let rgba = DARK.repeat(width as usize * height as usize);

@@ -202,4 +202,9 @@ fn each_eye_has_its_picture() {
     let shown: Vec<_> = pictures.iter().map(|p| (p.info.name.as_str(), &p.rgba)).collect();
     assert_eq!(shown, [("front", &left), ("front-right", &right), ("front-0", &packed)]);
     assert_eq!((pictures[2].info.width, pictures[2].info.height), (12, 4));
+    // A screen beside it has that name.
+    wall.screens.push(Screen { name: "front-right".to_owned(), ..wall.screens[0].clone() });
+    let pictures = stitched(&wall, &[Some(packed)]);
+    let names: Vec<_> = pictures.iter().map(|picture| picture.info.name.as_str()).collect();
+    assert_eq!(names, ["front", "front-right-eye", "front-right", "front-0"]);
 }
