@@ -45,6 +45,8 @@ pub(crate) struct ChannelOutput {
     mismatch: Option<DisplayMismatch>,
     /// The time until which the display shows the mismatch over its pictures.
     note: NoteTime,
+    /// Why its display did not take the last frame; `None` if it did.
+    pub present_fault: Option<String>,
     /// The warning that the manager knows.
     pub reported: Option<String>,
 }
@@ -99,6 +101,7 @@ impl ChannelOutput {
             expected: None,
             mismatch: None,
             note: NoteTime::default(),
+            present_fault: None,
             reported: None,
         }
     }
@@ -219,7 +222,7 @@ impl ChannelOutput {
         }
         match &mut self.surface {
             OutputSurface::Nowhere => Ok(()),
-            OutputSurface::Window(display) => display.reopen(gpu),
+            OutputSurface::Window(display) => display.reopen(gpu, hangs),
             #[cfg(test)]
             OutputSurface::Offscreen(offscreen) => {
                 let again = Self::offscreen(gpu, &self.name, offscreen.1.size(), None);

@@ -30,15 +30,19 @@ impl WindowOutput {
         &self.surface
     }
 
-    /// Makes a surface for another device; it is configured when the next picture is shown.
+    /// Makes a surface for another device; it is configured when the next picture is shown. That
+    /// of a device that `hangs` is not given back, since the device would be waited for.
     ///
     /// # Errors
     /// Why the window has no surface any more.
-    pub(crate) fn reopen(&mut self, gpu: &Gpu) -> Result<(), String> {
+    pub(crate) fn reopen(&mut self, gpu: &Gpu, hangs: bool) -> Result<(), String> {
         let surface = gpu.instance.create_surface(Arc::clone(&self.window));
-        self.surface = surface.map_err(|error| error.to_string())?;
+        let surface = surface.map_err(|error| error.to_string())?;
+        let old = (std::mem::replace(&mut self.surface, surface), self.output.take());
+        if hangs {
+            std::mem::forget(old);
+        }
         self.configuration = None;
-        self.output = None;
         Ok(())
     }
 
@@ -50,17 +54,32 @@ impl WindowOutput {
             tracing::error!("the adapter {} can't draw to this window", gpu.info().name);
             return;
         };
+        configuration.present_mode = self.present_mode(gpu);
         // Two frames in flight would show each frame one refresh later than it was swapped.
         configuration.desired_maximum_frame_latency = 1;
         if self.is_fine && self.supports_10_bit(gpu) {
             configuration.format = FINE_FORMAT;
         }
         self.surface.configure(&gpu.device, &configuration);
+        if gpu.first_fault().is_some() {
+            // No picture can be asked of it: that would end this process.
+            (self.configuration, self.output) = (None, None);
+            return;
+        }
         let format = configuration.format;
         if self.configuration.as_ref().map(|c| c.format) != Some(format) {
             self.output = Some(PresentPass::new(gpu, format));
         }
         self.configuration = Some(configuration);
+    }
+
+    /// A mode in which displays take pictures between two refreshes, never within one, which
+    /// would tear them. Best is one in which nobody waits for the refresh before.
+    fn present_mode(&self, gpu: &Gpu) -> wgpu::PresentMode {
+        let modes = self.surface.get_capabilities(&gpu.adapter).present_modes;
+        let has_mailbox = modes.contains(&wgpu::PresentMode::Mailbox);
+        // All surfaces have the other one.
+        if has_mailbox { wgpu::PresentMode::Mailbox } else { wgpu::PresentMode::Fifo }
     }
 
     /// Returns whether it can show codes of 10 bits.

@@ -30,6 +30,7 @@ impl RenderThread {
             std::thread::sleep(self.drawing.present_delay);
         }
         let is_taken = self.showing.frame_presented(mode);
+        let mut is_news = false;
         for index in 0..self.outputs.len() {
             let output = &mut self.outputs[index];
             let Some((id, _)) = wall.channel_by_name(&output.name) else { continue };
@@ -39,12 +40,19 @@ impl RenderThread {
             if is_taken {
                 output.latch_image(&self.gpu, (epoch, frame));
             }
-            match output.present(&self.gpu, &self.showing, &self.identity) {
+            let presented = output.present(&self.gpu, &self.showing, &self.identity);
+            let fault = presented.as_ref().err().cloned();
+            is_news |= output.present_fault != fault;
+            output.present_fault = fault;
+            match presented {
                 Ok(()) => {
                     self.send(render_event::shown(epoch, frame, id, &self.clock, is_unscheduled));
                 }
                 Err(reason) => self.send(render_event::draw_failed(frame, id, reason)),
             }
+        }
+        if is_news {
+            self.check_displays();
         }
     }
 
@@ -77,14 +85,18 @@ impl RenderThread {
         }
     }
 
-    /// Looks whether pictures fit their monitors, and tells the manager what it does not know.
+    /// Looks whether pictures fit their monitors, and tells the manager what it does not know of
+    /// the displays.
     pub(super) fn check_displays(&mut self) {
         for index in 0..self.outputs.len() {
             let output = &mut self.outputs[index];
             let fit = output.check_fit().and_then(|(_, warning)| warning);
             let Some(id) = output.expected_id() else { continue };
-            let both: Vec<String> = fit.into_iter().chain(self.losses.warning()).collect();
-            let warning = (!both.is_empty()).then(|| both.join("; "));
+            let fault = output.present_fault.as_ref();
+            let fault = fault.map(|reason| format!("its display takes no frames: {reason}"));
+            let all: Vec<String> =
+                fit.into_iter().chain(fault).chain(self.losses.warning()).collect();
+            let warning = (!all.is_empty()).then(|| all.join("; "));
             if output.reported != warning {
                 let report = render_event::display(id, warning.clone());
                 // Where there is no room for it, the next look sends it.

@@ -119,6 +119,10 @@ impl RenderThread {
         let reason = format!("its GPU was lost: {reason}");
         self.send(RenderEvent::Status(ServerMessage::StateLost { reason }));
         self.check_displays();
+        // Without a manager no frame follows; what was told meanwhile must be seen.
+        for index in 0..self.outputs.len() {
+            self.show_again(index);
+        }
         Ok(())
     }
 

@@ -192,6 +192,7 @@ impl RenderThreadFixture {
                 RenderEvent::Status(ServerMessage::Shown(FramePresented { frame, .. })) => {
                     shown |= frame == number;
                 }
+                RenderEvent::Status(ServerMessage::Display { .. }) => {}
                 RenderEvent::Status(other) => panic!("{other:?}"),
             }
         }
@@ -461,4 +462,11 @@ fn a_picture_that_does_not_fit_its_monitor_is_told_for_a_while_on_it_and_to_each
     assert_eq!(told(&mut stage), [Some(warning.to_owned())], "the next manager hears it too");
     stage.prepare(wall());
     assert_eq!(told(&mut stage), [None], "it fits again");
+
+    stage.thread.outputs[0].present_fault = Some("its surface is not valid".to_owned());
+    stage.thread.check_displays();
+    let warning = "its display takes no frames: its surface is not valid".to_owned();
+    assert_eq!(told(&mut stage), [Some(warning)]);
+    stage.show(0.5, OutputMode::Normal);
+    assert_eq!(stage.thread.outputs[0].reported, None, "a frame that it takes ends that");
 }
