@@ -138,6 +138,8 @@ pub(crate) fn run(
     if let Some(notifier) = &notifier {
         notifier.stopping();
     }
+    // A resolver of names that does not answer is not waited for.
+    runtime.shutdown_background();
     result
 }
 

@@ -23,7 +23,7 @@ use crate::clock::Clock;
 use crate::connection_status::ServerInfo;
 use crate::desktop;
 use crate::draw_delay::DrawDelay;
-use crate::ending::Ending;
+use crate::ending::{Ending, PanicGuard};
 use crate::fullscreen::Fullscreen;
 use crate::loader::{LoadOrder, Loader, ORDERS_MAX, UPLOADS_MAX};
 use crate::monitor::Monitor;
@@ -127,6 +127,12 @@ pub enum ServerError {
     /// The GPU failed while it drew.
     #[error("the GPU failed: {0}")]
     GpuFault(String),
+    /// A fault of this program, which the log describes.
+    #[error("the {thread} thread panicked; the log says where")]
+    Panicked {
+        /// The thread.
+        thread: &'static str,
+    },
     /// It was to end, and its render thread is still inside the driver, whose clean-up at the
     /// exit of the process would crash there: end the process without.
     #[error("the driver is still busy, {} s after the end", RENDER_END_TIME_MAX.as_secs())]
@@ -309,7 +315,9 @@ impl Threads {
         let (render_clock, stop, end) = (clock.clone(), ending.clone(), on_end.clone());
         let (render_result, rendered) = bounded(1);
         let server = span.clone();
+        let guard = PanicGuard::new("render", &ending, &on_end, ());
         Builder::new().name("render".into()).spawn(move || {
+            let _guard = guard;
             let _server = server.entered();
             let thread = RenderThread::new(gpu, outputs, queues, render_clock, identity, drawing);
             let result = thread.and_then(RenderThread::run);
@@ -319,10 +327,14 @@ impl Threads {
             end();
         })?;
 
+        let guard = PanicGuard::new("loader", &ending, &on_end, uploads.clone());
         let loader =
             Loader::new(BlobStore::new(&options.cache), waiting_orders, uploads, losses, channels);
         let server = span.clone();
-        let load = move || server.in_scope(|| loader.run());
+        let load = move || {
+            let _guard = guard;
+            server.in_scope(|| loader.run());
+        };
         Builder::new().name("loader".into()).spawn(load)?;
 
         let (render_jobs, stop) = (jobs.clone(), ending.clone());
@@ -358,9 +370,13 @@ impl Threads {
     }
 
     fn join(self) -> Result<(), ServerError> {
-        let panicked = |what: &str| ServerError::GpuFault(format!("the {what} thread panicked"));
+        let panicked = |thread| ServerError::Panicked { thread };
         let network = self.network.join().map_err(|_| panicked("network"))?;
-        match self.rendered.recv_timeout(RENDER_END_TIME_MAX) {
+        let rendered = self.rendered.recv_timeout(RENDER_END_TIME_MAX);
+        if let Some(thread) = self.ending.panicked() {
+            return Err(panicked(thread));
+        }
+        match rendered {
             Ok(rendered) => rendered.map_err(ServerError::GpuFault)?,
             Err(RecvTimeoutError::Disconnected) => return Err(panicked("render")),
             Err(RecvTimeoutError::Timeout) => {

@@ -167,7 +167,10 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         notifier,
     };
     log_addresses(&options, address, &token)?;
-    let goodbye = runtime.block_on(run_manager(listener, options, is_asked_to_end))?;
+    let goodbye = runtime.block_on(run_manager(listener, options, is_asked_to_end));
+    // A folder or a resolver of names that does not answer is not waited for.
+    runtime.shutdown_background();
+    let goodbye = goodbye?;
     if arguments.with_parent && goodbye != Goodbye::Ended {
         say(WALL_STOPPED)?;
     }
