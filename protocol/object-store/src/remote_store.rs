@@ -84,8 +84,10 @@ impl RemoteStore {
         &self.url
     }
 
-    fn path_of(&self, hash: BlobHash) -> Path {
-        Path::from(self.url.key_of(hash))
+    /// A blob's object, by its name as it stands: the request alone encodes it.
+    fn path_of(&self, hash: BlobHash) -> Result<Path, StoreFault> {
+        let path = Path::parse(self.url.key_of(hash));
+        path.map_err(|error| StoreFault::unusable(&self.url, error.to_string(), "correct its name"))
     }
 
     fn fault(&self, error: &StoreError) -> StoreFault {
@@ -111,7 +113,7 @@ impl RemoteStore {
     /// # Errors
     /// [`StoreFault`] if the store cannot be read, or its object is not the blob.
     pub async fn fetch(&self, hash: BlobHash, bytes_max: u64) -> Result<Option<Bytes>, StoreFault> {
-        let path = self.path_of(hash);
+        let path = self.path_of(hash)?;
         let Some(found) = self.answer(self.store.get(&path)).await? else { return Ok(None) };
         let bytes = self.read(found, &path, bytes_max).await?;
         // Hashing 2 GiB takes seconds, for which other fetches need not wait.
@@ -157,7 +159,7 @@ impl RemoteStore {
     /// # Errors
     /// [`StoreFault`] if the store cannot be asked.
     pub async fn size_of(&self, hash: BlobHash) -> Result<Option<u64>, StoreFault> {
-        let path = self.path_of(hash);
+        let path = self.path_of(hash)?;
         Ok(self.answer(self.store.head(&path)).await?.map(|object| object.size))
     }
 
@@ -173,7 +175,7 @@ impl RemoteStore {
             Ok(None) => return Err(self.local(&format!("blob {hash} is not in {from:?}"))),
             Err(error) => return Err(self.local(&error)),
         };
-        let path = self.path_of(hash);
+        let path = self.path_of(hash)?;
         // Web servers take no parts.
         if reader.total() <= PART_BYTES || self.is_web() {
             let bytes = self.read_whole(reader).await?;

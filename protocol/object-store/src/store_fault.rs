@@ -68,6 +68,9 @@ impl StoreFault {
 
     pub(crate) fn of_store(url: &StoreUrl, error: &StoreError) -> Self {
         let fix = match error {
+            _ if words(error).contains("RequestTimeTooSkewed") => {
+                "set this machine's clock, such as by NTP".to_owned()
+            }
             StoreError::PermissionDenied { .. } | StoreError::Unauthenticated { .. } => {
                 allow(url.scheme())
             }
@@ -92,7 +95,12 @@ fn allow(scheme: StoreScheme) -> String {
 /// The settings that let a process reach the store.
 fn reach(scheme: StoreScheme) -> String {
     let more = match scheme {
-        StoreScheme::S3 => ", AWS_ENDPOINT, AWS_REGION and, without TLS, AWS_ALLOW_HTTP=true",
+        StoreScheme::S3 => {
+            ", AWS_ENDPOINT, AWS_REGION and, without TLS, AWS_ALLOW_HTTP=true, and that this \
+             process's environment has AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or \
+             AWS_SKIP_SIGNATURE=true: without them keys are asked for at the address of Amazon's \
+             machines"
+        }
         StoreScheme::Az => ", AZURE_STORAGE_ACCOUNT_NAME and AZURE_STORAGE_ACCOUNT_KEY",
         StoreScheme::Gs => " and GOOGLE_SERVICE_ACCOUNT",
         StoreScheme::Http | StoreScheme::Https => "",

@@ -5,6 +5,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use tempfile::NamedTempFile;
@@ -40,7 +41,10 @@ pub fn place(folder: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
 
 fn begin(folder: &Path) -> io::Result<NamedTempFile> {
     for _ in 0..TRIES_MAX {
-        let file = tempfile::Builder::new().prefix(PREFIX).suffix(SUFFIX).tempfile_in(folder)?;
+        let mut builder = tempfile::Builder::new();
+        // Others may read them, as the umask allows: servers in a shared folder, web servers.
+        builder.permissions(fs::Permissions::from_mode(0o644));
+        let file = builder.prefix(PREFIX).suffix(SUFFIX).tempfile_in(folder)?;
         // A file system without locks has no abandoned files that could be told, and none is
         // removed from it.
         let is_taken = matches!(file.as_file().try_lock(), Err(fs::TryLockError::WouldBlock));
@@ -97,6 +101,9 @@ mod tests {
         let left = fs::read_dir(root.path()).expect("read").count();
         assert_eq!(left, 5, "three files, a folder, and one that is being written");
         living.persist(at("whole")).expect("put into place");
+        // Of a folder that others read, as far as the umask lets them.
+        let mode = |name: &str| fs::metadata(at(name)).expect("facts").permissions().mode() & 0o777;
+        assert_eq!(mode("whole"), mode("mine.part"));
         assert_eq!(fs::read(at("whole")).expect("read"), b"half");
         assert_eq!(remove_abandoned(&at("nowhere")), Abandoned::default());
     }
