@@ -29,6 +29,9 @@ use crate::leadership::Leadership;
 /// A wall fits into a message, tuned or not.
 const MEMORY_BYTES_MAX: u64 = 2 * MESSAGE_BYTES_MAX as u64;
 
+/// Maximum memory in bytes that its values may claim: what a byte stands for takes eight at most.
+const VALUES_BYTES_MAX: usize = 8 * MEMORY_BYTES_MAX as usize;
+
 /// The first bytes of a file of this version.
 const MAGIC: [u8; 8] = *b"PLYPSTA5";
 
@@ -118,8 +121,8 @@ fn decode(bytes: &[u8]) -> Result<Saved, String> {
     if BlobHash::of(saved).0 != hash {
         return Err("it was damaged".to_owned());
     }
-    let (wall, memory) =
-        polyptych_protocol::framing::decode(saved).map_err(|error| error.to_string())?;
+    let decoded = polyptych_codec::decode_within::<_, VALUES_BYTES_MAX>(saved);
+    let (wall, memory) = decoded.map_err(|error| error.to_string())?;
     Ok(Saved { wall, memory })
 }
 
@@ -290,7 +293,7 @@ mod tests {
         };
         let wall = Wall { scenes: vec!["../here".into()], ..Wall::new("w", vec![], vec![]) };
         StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");
-        let saved = Saved { wall: wall.without_paths(), memory };
+        let saved = Saved { wall: wall.without_paths(), memory: memory.clone() };
         assert_eq!(load(&path), Some(saved));
         let mut bytes = fs::read(&path).expect("read");
         for cut in [0, 10, 32, bytes.len() - 1] {
@@ -300,6 +303,11 @@ mod tests {
         bytes[50] ^= 1;
         fs::write(&path, &bytes).expect("written");
         assert_eq!((load(&path), check_writable(&path)), (None, Ok(())));
+
+        // Much that takes more room in memory than in the file.
+        let memory = PersistentState { notes: vec![String::new(); 1_000_000], ..memory };
+        StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");
+        assert!(load(&path).is_some_and(|saved| saved.memory == memory));
     }
 
     #[test]

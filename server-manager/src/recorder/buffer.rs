@@ -10,7 +10,8 @@ use super::ring::PIECE_HEAD_BYTES;
 const PIECE_BYTES: usize = 64 << 10;
 
 /// Most that waits for a slow disk: ten seconds of 64 channels at 60 frames per second. Beyond it
-/// inputs are left out, and a new segment begins once there is room again.
+/// inputs are left out, and a new segment begins once there is room again. The state with which a
+/// segment begins may be larger.
 const BUFFER_BYTES_MAX: usize = 8 << 20;
 
 /// Room that is left for what one input brings, before a segment counts as full.
@@ -71,6 +72,9 @@ impl Buffer {
     /// before it.
     pub fn wants_segment(&self) -> Option<bool> {
         let state = self.lock();
+        if state.failure.is_some() {
+            return None;
+        }
         if state.has_lost {
             return (state.bytes < BUFFER_BYTES_MAX / 2).then_some(false);
         }
@@ -95,7 +99,18 @@ impl Buffer {
         write(&mut state.record);
         let bytes = state.record.len();
         let segment_bytes = state.segment_bytes + (PIECE_HEAD_BYTES + bytes) as u64;
-        if state.bytes + bytes > BUFFER_BYTES_MAX || segment_bytes > self.segment_bytes_max {
+        let is_large = bytes as u64 + SEGMENT_MARGIN > self.segment_bytes_max;
+        if is_large && state.segment_bytes == 0 {
+            let mib = bytes >> 20;
+            state.failure = Some(format!(
+                "nothing is recorded: the state of this wall takes {mib} MiB, more than a part of \
+                 a recording"
+            ));
+            return;
+        }
+        // One that is larger than the buffer has it for itself.
+        let is_slow = state.bytes > 0 && state.bytes + bytes > BUFFER_BYTES_MAX;
+        if is_slow || segment_bytes > self.segment_bytes_max {
             tracing::warn!("the disk is too slow for the recording, which has a gap here");
             state.has_lost = true;
             return;
@@ -179,6 +194,24 @@ mod tests {
         assert_eq!(buffer.take(Duration::ZERO).expect("a piece")[0].segment, 8);
         buffer.close();
         assert!(buffer.take(Duration::ZERO).is_none());
+    }
+
+    #[test]
+    fn a_state_may_be_larger_than_the_buffer_but_not_than_a_segment() {
+        let buffer = Buffer::new(0, 32 << 20);
+        buffer.begin_segment();
+        buffer.append(|bytes| bytes.resize(BUFFER_BYTES_MAX + 1, 1));
+        assert_eq!((buffer.wants_segment(), buffer.failure()), (None, None));
+        buffer.append(|bytes| bytes.push(1));
+        assert_eq!(buffer.wants_segment(), None, "the disk has to follow first");
+        assert_eq!(buffer.take(Duration::ZERO).expect("pieces").len(), 1);
+        assert_eq!(buffer.wants_segment(), Some(false));
+
+        buffer.begin_segment();
+        buffer.append(|bytes| bytes.resize(32 << 20, 1));
+        assert!(buffer.failure().is_some_and(|failure| failure.contains("takes 32 MiB")));
+        assert_eq!(buffer.wants_segment(), None, "nobody is asked for it again");
+        assert!(buffer.take(Duration::ZERO).expect("none").is_empty());
     }
 
     #[test]

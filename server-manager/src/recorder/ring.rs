@@ -37,6 +37,10 @@ const SLOTS: u64 = 4;
 /// last four to five minutes, and one of four channels more than an hour.
 pub(super) const SEGMENT_BYTES_MAX: u64 = 32 << 20;
 
+/// Maximum memory in bytes that a record's values may claim: what a byte stands for takes eight at
+/// most.
+pub(crate) const VALUES_BYTES_MAX: usize = 8 * SEGMENT_BYTES_MAX as usize;
+
 /// Why a recording can't be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum RingError {
@@ -253,7 +257,7 @@ impl RingReader {
                     .split_at_checked(length)
                     .ok_or_else(|| malformed("a record is longer than its piece".into()))?;
                 records.push(
-                    polyptych_protocol::framing::decode(record)
+                    polyptych_codec::decode_within::<_, VALUES_BYTES_MAX>(record)
                         .map_err(|e| malformed(e.to_string()))?,
                 );
                 rest = after;

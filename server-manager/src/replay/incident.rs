@@ -9,11 +9,12 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use polyptych_core::{Checkpoint, Cluster, Input, Micros};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::invariants::Invariants;
 use super::tell;
-use crate::recorder::ring::RingReader;
+use crate::recorder::ring::{RingReader, VALUES_BYTES_MAX};
 use crate::recorder::{InitialState, Record};
 
 /// The version of the text's format.
@@ -211,7 +212,7 @@ impl RunSelector {
                 }
                 if cut.from_s.is_some() {
                     // Written down again once the time has come.
-                    let copy = clone_of(&segment.beginning);
+                    let copy = copy_of(&segment.beginning);
                     self.before = copy.map(InitialState::into_cluster);
                 }
                 self.kept = Some((segment.program, segment.beginning, Vec::new()));
@@ -238,11 +239,11 @@ impl RunSelector {
 
 /// A core as it stands.
 fn written_down(cluster: &Cluster) -> Option<Checkpoint> {
-    polyptych_protocol::framing::decode(&polyptych_codec::encode(&cluster.checkpoint())).ok()
+    copy_of(&cluster.checkpoint())
 }
 
-fn clone_of(beginning: &InitialState) -> Option<InitialState> {
-    polyptych_protocol::framing::decode(&polyptych_codec::encode(beginning)).ok()
+fn copy_of<T: DeserializeOwned>(value: &impl Serialize) -> Option<T> {
+    polyptych_codec::decode_within::<T, VALUES_BYTES_MAX>(&polyptych_codec::encode(value)).ok()
 }
 
 /// A core that is told an incident.

@@ -1,6 +1,6 @@
 //! Scenes and sessions that clients save, list and forget, beside the loop of the manager.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
@@ -30,8 +30,21 @@ pub(super) struct Stores {
 impl Stores {
     /// Returns the stores beside this state file.
     pub fn beside(state_file: &Path) -> Self {
-        let file = Arc::new(StoreFile::new(state_file.with_extension("scenes")));
+        let file = Arc::new(StoreFile::new(store_path(state_file)));
         Self { scenes: Arc::clone(&file) as Arc<_>, sessions: file }
+    }
+}
+
+/// The file of scenes and sessions beside a state file: another one for each, but the same for
+/// that which was put aside as `FILE.old`.
+fn store_path(state_file: &Path) -> PathBuf {
+    let is = |path: &Path, extension: &str| path.extension().is_some_and(|it| it == extension);
+    let path =
+        if is(state_file, "old") { state_file.with_extension("") } else { state_file.to_owned() };
+    if is(&path, "state") {
+        path.with_extension("scenes")
+    } else {
+        path.with_added_extension("scenes")
     }
 }
 
@@ -95,4 +108,22 @@ fn act(
         _ => return scenes.list().map(Response::SavedScenes),
     }
     Ok(Response::Done)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_state_file_has_scenes_of_its_own() {
+        for (state, scenes) in [
+            ("/s/wall.state", "/s/wall.scenes"),
+            ("/s/wall.state.old", "/s/wall.scenes"),
+            ("/s/lab.left", "/s/lab.left.scenes"),
+            ("/s/lab.right", "/s/lab.right.scenes"),
+            ("/s/wall", "/s/wall.scenes"),
+        ] {
+            assert_eq!(store_path(Path::new(state)), Path::new(scenes));
+        }
+    }
 }
