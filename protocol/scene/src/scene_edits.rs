@@ -181,20 +181,29 @@ impl SceneEdits {
     }
 
     /// Assets that nothing uses any more: no node shows one of their meshes, and no material that
-    /// was changed has one of their textures.
+    /// was changed, of the scene or of assets in use, has one of their textures.
     pub fn unused_assets(&self) -> Vec<BlobHash> {
         if self.assets.is_empty() {
             return Vec::new();
         }
         let of_nodes = self.nodes().filter_map(|(_, of)| of.given_mesh());
         let meshes: BTreeSet<u32> = of_nodes.collect();
-        let of_materials = self.materials.values().flat_map(|material| material.value.textures());
-        let textures: BTreeSet<u32> = of_materials.map(|of| of.texture).collect();
-        let is_unused = |set: &&AssetSet| {
-            meshes.range(set.mesh_range()).next().is_none()
-                && textures.range(set.texture_range()).next().is_none()
-        };
-        self.assets().filter(is_unused).map(|set| set.manifest).collect()
+        let is_hidden = |set: &&AssetSet| meshes.range(set.mesh_range()).next().is_none();
+        let mut unused: Vec<&AssetSet> = self.assets().filter(is_hidden).collect();
+        loop {
+            let before = unused.len();
+            // What nobody sees keeps no textures, not even its own.
+            let is_shown = |material: u32| {
+                !unused.iter().any(|set| set.material_range().contains(&material))
+            };
+            let shown = self.materials.iter().filter(|(material, _)| is_shown(**material));
+            let textures = shown.flat_map(|(_, to)| to.value.textures()).map(|of| of.texture);
+            let textures: BTreeSet<u32> = textures.collect();
+            unused.retain(|set| textures.range(set.texture_range()).next().is_none());
+            if unused.len() == before {
+                return unused.into_iter().map(|set| set.manifest).collect();
+            }
+        }
     }
 
     /// Applies the next edit.
@@ -214,6 +223,14 @@ impl SceneEdits {
             Edit::RemoveAssets(manifest) => {
                 let old = self.assets.remove(&manifest);
                 self.discount(old.as_deref());
+                // The next assets may get the numbers.
+                let range = old.map_or(0..0, |set| set.value.material_range());
+                let changed = self.materials.iter_from(range.start).map(|(material, _)| *material);
+                let changed: Vec<u32> = changed.take_while(|it| range.contains(it)).collect();
+                for material in changed {
+                    let old = self.materials.remove(&material);
+                    self.discount(old.as_deref());
+                }
             }
             Edit::SetLayerVisible { layer, visible } => self.hide_layer(&layer, !visible),
             Edit::SetVariant(variant) => self.set_variant(variant),

@@ -319,9 +319,9 @@ fn added_assets_stand_at_their_numbers_whatever_was_there_before() {
         mip_count: 1,
         sampler: Sampler::default(),
     };
+    let textured = || TextureRef { texture: 0, uv_set: 0, uv_transform: Affine2::IDENTITY };
     let set = |name: &str, meshes: usize| {
-        let textured = TextureRef { texture: 0, uv_set: 0, uv_transform: Affine2::IDENTITY };
-        let material = Material { base_color_texture: Some(textured), ..Material::default() };
+        let material = Material { base_color_texture: Some(textured()), ..Material::default() };
         let primitive = triangle(name, Some(0));
         let mesh = Mesh { name: name.into(), primitives: vec![primitive] };
         let textures = vec![texture(name.as_bytes())];
@@ -354,7 +354,13 @@ fn added_assets_stand_at_their_numbers_whatever_was_there_before() {
     assert_eq!(names(&edits), ",,b,c,c,c", "the others keep their numbers");
     edits.apply(Edit::AddAssets(again.into()));
     assert_eq!((edits.fingerprint(), edits.bytes()), before);
+    let of_c = edits.assets_of(BlobHash::of(b"c")).expect("there").clone();
+    let own = TextureRef { texture: of_c.first_texture, ..textured() };
+    let own = Material { base_color_texture: Some(own), ..Material::default() };
+    edits.apply(Edit::SetMaterial { material: of_c.first_material, to: own.into() });
+    assert_eq!(edits.unused_assets().len(), 3, "what is not shown keeps none of its textures");
     edits.apply(Edit::RemoveAssets(BlobHash::of(b"c")));
+    assert!(!edits.has_material(of_c.first_material), "what comes next is as it is");
     assert_eq!(names(&edits), "a,a,b");
     assert_eq!(edits.unused_assets().len(), 2, "no node shows any");
     let shown = NewNode { mesh: Some(2), ..NewNode::default() };
