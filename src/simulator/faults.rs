@@ -143,7 +143,8 @@ impl<'a> Faults<'a> {
                 self.ends.add(length, move || drop(std::fs::remove_file(file)));
             }
             FaultKind::LoseGpu => {
-                // It is read before the next frame, and removed.
+                // It is read before the next frame, and removed: what slows would end with it.
+                self.begin_alone("slowed", server, Some(Duration::ZERO))?;
                 let file = self.local.slow_file(server).ok_or("the server has no such file")?;
                 output_file::write(&file, b"lose\n").map_err(|error| error.to_string())?;
             }

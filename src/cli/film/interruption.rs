@@ -1,7 +1,9 @@
 //! Requests to end a film early, after which the wall runs on as before.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, mpsc};
+use std::thread;
+use std::time::Duration;
 
 use polyptych_client::Pacing;
 use polyptych_client::blocking::Client;
@@ -11,6 +13,9 @@ use crate::logging;
 
 /// Exit code of a film that was interrupted twice: 128 and the number of SIGINT.
 const INTERRUPTED: i32 = 130;
+
+/// The longest that the second interruption waits for the manager's answer.
+const RESUME_TIME_MAX: Duration = Duration::from_secs(2);
 
 /// A request to end the film, which may come at any time.
 #[derive(Clone, Debug, Default)]
@@ -30,10 +35,9 @@ impl Interruption {
                 logging::say_warning("interrupted: the film ends after this frame");
                 return;
             }
-            let resumed = pace.map_or(Ok(()), |pace| client.start_rendering(pace));
-            match resumed {
+            match resumed_by(&client, pace) {
                 Ok(()) => logging::say_warning("interrupted again: the film ends at once"),
-                Err(error) => logging::say_warning(&format!("the wall stays paused: {error}")),
+                Err(error) => logging::say_warning(&format!("the wall may stay paused: {error}")),
             }
             std::process::exit(INTERRUPTED);
         })?;
@@ -43,5 +47,18 @@ impl Interruption {
     /// Returns whether the film is to end.
     pub fn is_asked(&self) -> bool {
         self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Gives the wall its pace back. A manager that is away is not waited for as long as a film would.
+fn resumed_by(client: &Client, pace: Option<Pacing>) -> Result<(), String> {
+    let Some(pace) = pace else { return Ok(()) };
+    let (done, answer) = mpsc::channel();
+    let client = client.clone();
+    // Whoever asks twice wants this process to end: the thread ends with it.
+    thread::spawn(move || drop(done.send(client.start_rendering(pace))));
+    match answer.recv_timeout(RESUME_TIME_MAX) {
+        Ok(resumed) => resumed.map_err(|error| error.to_string()),
+        Err(_) => Err(format!("the manager has not answered within {RESUME_TIME_MAX:?}")),
     }
 }
