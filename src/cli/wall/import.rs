@@ -33,7 +33,7 @@ use polyptych_text::counted;
 use tree::{CONFIG_BYTES_MAX, Tree};
 
 use super::super::{bake, manager, say};
-use super::made::Made;
+use super::made::{Made, check_text, plain_name};
 use crate::outputs;
 
 /// What can be imported, as a remedy.
@@ -103,6 +103,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn archive(arguments: &Arguments, wall_file: &Path) -> anyhow::Result<()> {
     let imported = mpcdi::import(&arguments.file, &arguments.output, &AtomicBool::new(false))?;
     let text = wall_text(arguments, &imported)?;
+    check_text(&text, wall_file)?;
     outputs::write(wall_file, text.as_bytes())?;
     let size = |buffer: &ImportedBuffer| format!("{} × {}", buffer.size.x, buffer.size.y);
     let sizes: Vec<String> = imported.buffers.iter().map(size).collect();
@@ -387,11 +388,7 @@ fn channel(text: &mut String, region: &ImportedRegion, canvas: UVec2) {
 
 /// The archive's name in the letters that a wall's may have.
 fn wall_name(file: &Path) -> String {
-    const BYTES_MAX: usize = 64;
-    let stem = file.file_stem().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let letter = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' };
-    let name: String = stem.chars().take(BYTES_MAX).map(letter).collect();
-    if name.is_empty() { "wall".to_owned() } else { name }
+    plain_name(&file.file_stem().unwrap_or_default().to_string_lossy(), "wall")
 }
 
 #[cfg(test)]

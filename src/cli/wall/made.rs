@@ -109,9 +109,7 @@ impl Made {
         outputs::make_folder(folder)?;
         outputs::check_source(&wall_file, force)?;
         let text = self.text();
-        polyptych_wall_file::parse(&text, &wall_file).map_err(|error| {
-            anyhow!("these make no wall: {}: {}; {}", error.key(), error.what(), error.remedy())
-        })?;
+        check_text(&text, &wall_file)?;
         for screen in &self.screens {
             for (ending, bytes) in screen.files()? {
                 outputs::write(&folder.join(format!("{}{ending}", screen.name)), &bytes)?;
@@ -323,10 +321,21 @@ fn exact<const N: usize>(numbers: [f64; N]) -> String {
     format!("{:?}", numbers.map(|number| number + 0.0))
 }
 
-/// A name in the letters that those of a wall may have, at most 40 of them.
-pub(super) fn plain_name(text: &str) -> String {
+/// Checks the text of a wall file before it is written.
+pub(super) fn check_text(text: &str, wall_file: &Path) -> anyhow::Result<()> {
+    polyptych_wall_file::parse(text, wall_file).map(drop).map_err(|error| {
+        anyhow!("these make no wall: {}: {}; {}", error.key(), error.what(), error.remedy())
+    })
+}
+
+/// A name in the letters that those of a wall may have, at most 40 of them; `otherwise` if the text
+/// has no ASCII letter or digit.
+pub(super) fn plain_name(text: &str, otherwise: &str) -> String {
     const LETTERS_MAX: usize = 40;
     let letter = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' };
     let name: String = text.to_ascii_lowercase().chars().take(LETTERS_MAX).map(letter).collect();
-    if name.chars().all(|c| !c.is_ascii_alphanumeric()) { "wall".to_owned() } else { name }
+    // No name of a wall file begins with these.
+    let name = name.trim_start_matches(['-', '.']);
+    let is_plain = name.contains(|c: char| c.is_ascii_alphanumeric());
+    if is_plain { name.to_owned() } else { otherwise.to_owned() }
 }

@@ -188,10 +188,12 @@ impl EquirectangularArguments {
         if !(-360.0..=360.0).contains(&self.yaw) {
             bail!("--yaw {}: -360 to 360 degrees would be right", self.yaw);
         }
+        // A wall file takes no more than a whole turn either way.
+        let yaw = (self.yaw + 180.0).rem_euclid(360.0) - 180.0;
         let shape = Shape::Sphere {
             center: self.folder.eye,
             radius: self.radius,
-            azimuth: [self.yaw - 180.0, self.yaw + 180.0],
+            azimuth: [yaw - 180.0, yaw + 180.0],
             elevation: [-90.0, 90.0],
             tilt: 0.0,
         };

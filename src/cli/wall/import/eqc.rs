@@ -14,7 +14,13 @@ use super::tree::{At, DEPTH_MAX, Node, Spot, Tree, Value};
 const WALL_DEFAULT: [DVec3; 3] =
     [DVec3::new(-0.8, -0.5, -1.0), DVec3::new(0.8, -0.5, -1.0), DVec3::new(-0.8, 0.5, -1.0)];
 
-/// Pixels of a window that says nothing of them.
+/// Distance of a projection that does not say it (`eq/fabric/projection.cpp`).
+const DISTANCE_DEFAULT: f64 = 1.0;
+
+/// Degrees across and up of a projection that does not say them: those of the wall above.
+const FOV_DEFAULT: [f64; 2] = [77.3196, 53.1301];
+
+/// Pixels of the display of a window that does not say its own.
 const PIXELS_DEFAULT: [f64; 2] = [1920.0, 1080.0];
 
 /// Reads the text of a configuration.
@@ -132,10 +138,10 @@ pub(super) fn read(tree: &Tree) -> anyhow::Result<Made> {
     let server = root.get("server").unwrap_or_else(|| root.clone());
     let config = server.need("config")?;
     let stem = tree.path.file_stem().unwrap_or_default().to_string_lossy();
-    let mut made = Made { name: plain_name(&stem), ..Made::default() };
-    if let Some(metres) = config.get("attributes").and_then(|at| at.get("eye_base")) {
-        made.eye_separation = Some(metres.number()?);
-    }
+    let mut made = Made { name: plain_name(&stem, "wall"), ..Made::default() };
+    let own = config.get("attributes").and_then(|at| at.get("eye_base"));
+    let global = root.get("global").and_then(|at| at.get("eq_config_fattr_eye_base"));
+    made.eye_separation = own.or(global).map(|metres| metres.number()).transpose()?;
     let mut channels = BTreeMap::new();
     let nodes = [config.list("", "appnode")?, config.list("", "node")?].concat();
     for (index, node) in nodes.iter().enumerate() {
@@ -156,7 +162,7 @@ pub(super) fn read(tree: &Tree) -> anyhow::Result<Made> {
                 Some(corners) => corners,
                 None => part(of_canvas, viewport(&segment)?.unwrap_or([0.0, 0.0, 1.0, 1.0])),
             };
-            let mut wanted = plain_name(name_text);
+            let mut wanted = plain_name(name_text, "channel");
             while made.screens.iter().any(|screen| screen.name == wanted) {
                 wanted.push_str("-2");
             }
@@ -191,13 +197,14 @@ fn windows(
 ) -> anyhow::Result<()> {
     for pipe in node.list("", "pipe")? {
         for window in pipe.list("", "window")? {
-            let [_, _, width, height] = viewport(&window)?.unwrap_or_else(|| {
-                let [width, height] = PIXELS_DEFAULT;
-                window.tree.warn("a window does not say its pixels: 1920 × 1080 are taken");
-                [0.0, 0.0, width, height]
-            });
-            // Shares of a display that is not known.
-            let of_display = if width <= 1.0 && height <= 1.0 { PIXELS_DEFAULT } else { [1.0; 2] };
+            let [_, _, width, height] = viewport(&window)?.unwrap_or([0.0, 0.0, 1.0, 1.0]);
+            let has_pixels = width > 1.0 || height > 1.0;
+            let of_display = if has_pixels { [1.0; 2] } else { PIXELS_DEFAULT };
+            if !has_pixels {
+                let what = "a window does not say its pixels: those of a display of 1920 × 1080 \
+                            are taken";
+                window.tree.warn(what);
+            }
             let all = [width * of_display[0], height * of_display[1]];
             for channel in window.list("", "channel")? {
                 let [_, _, w, h] = viewport(&channel)?.unwrap_or([0.0, 0.0, 1.0, 1.0]);
@@ -226,24 +233,36 @@ fn numbers<const N: usize>(at: &At<'_>) -> anyhow::Result<[f64; N]> {
     numbers.try_into().map_err(|_| at.error(format!("{count} numbers"), format!("{N} are right")))
 }
 
+/// The numbers of this name, or others where there are none.
+fn numbers_or<const N: usize>(
+    at: &At<'_>,
+    name: &str,
+    default: [f64; N],
+) -> anyhow::Result<[f64; N]> {
+    at.get(name).map_or(Ok(default), |at| numbers(&at))
+}
+
 /// Lower left, lower right and upper left corner of `wall` or `projection`, if there is one.
 fn wall(at: &At<'_>) -> anyhow::Result<Option<[DVec3; 3]>> {
     if let Some(wall) = at.get("wall") {
         if wall.get("type").is_some_and(|at| at.text().is_ok_and(|kind| kind == "HMD")) {
             wall.tree.warn("a wall moves with the head (HMD); it stands still now");
         }
-        let corner = |name: &str| anyhow::Ok(DVec3::from_array(numbers(&wall.need(name)?)?));
-        return Ok(Some([corner("bottom_left")?, corner("bottom_right")?, corner("top_left")?]));
+        let mut corners = WALL_DEFAULT;
+        for (name, corner) in ["bottom_left", "bottom_right", "top_left"].iter().zip(&mut corners) {
+            *corner = DVec3::from_array(numbers_or(&wall, name, corner.to_array())?);
+        }
+        return Ok(Some(corners));
     }
     let Some(projection) = at.get("projection") else { return Ok(None) };
-    let origin = DVec3::from_array(numbers(&projection.need("origin")?)?);
-    let distance = projection.need("distance")?.number()?;
-    let fov = projection.need("fov")?;
-    let angles: [f64; 2] = numbers(&fov)?;
+    let origin = DVec3::from_array(numbers_or(&projection, "origin", [0.0; 3])?);
+    let distance = projection.number_or("distance", DISTANCE_DEFAULT)?;
+    let angles = numbers_or(&projection, "fov", FOV_DEFAULT)?;
     if angles.iter().any(|angle| !(0.1..=179.0).contains(angle)) || distance <= 0.0 {
+        let fov = projection.get("fov").unwrap_or(projection);
         return Err(fov.error("the projection spans no picture", "0.1 to 179 degrees are right"));
     }
-    let hpr: [f64; 3] = numbers(&projection.need("hpr")?)?;
+    let hpr = numbers_or(&projection, "hpr", [0.0; 3])?;
     if hpr[1] != 0.0 || hpr[2] != 0.0 {
         let what = "pitch and roll of a projection (hpr) are taken as up and as counter-clockwise; \
                     look at the picture";

@@ -56,7 +56,7 @@ pub(super) fn read(tree: &Tree) -> anyhow::Result<Made> {
     let users = users(&root)?;
     let eye = users[0].position;
     let stem = tree.path.file_stem().unwrap_or_default().to_string_lossy();
-    let made = Made { name: plain_name(&stem), eye, ..Made::default() };
+    let made = Made { name: plain_name(&stem, "wall"), eye, ..Made::default() };
     let mut reader = Reader { tree, users, made, has_stereo: false };
     let nodes = root.list("nodes", "node")?;
     if nodes.is_empty() {

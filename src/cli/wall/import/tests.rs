@@ -56,7 +56,7 @@ fn tide_says_tiles_and_their_processes() {
     let stereo = r#"{"processes": [{"screens": [{"stereo": "left"}]},
         {"screens": [{"stereo": "right"}]}, {"screens": [{"stereo": "left", "i": 1}]},
         {"screens": [{"stereo": "right", "i": 1}]}],
-        "surfaces": [{"displayWidth": 960, "displayHeight": 540, "numScreensX": 2,
+        "surfaces": [{"displayWidth": 960, "displayHeight": 540, "screenCountX": 2,
         "bezelWidth": -60}]}"#;
     let (wall, _) = import("stereo.json", stereo).expect("a wall");
     assert_eq!((wall.channels.len(), wall.screens[0].canvas.x), (4, 1860));
@@ -67,6 +67,22 @@ fn tide_says_tiles_and_their_processes() {
         "displaywidth: the key is missing",
     );
     refused("a.json", &text.replace("20", "-500"), "leave no picture");
+}
+
+#[test]
+fn tide_joins_displays_to_screens_and_gives_processes_an_eye() {
+    let text = r#"<configuration><dimensions numScreensX="2" displayWidth="1920"
+        displayHeight="1080" displaysPerScreenX="2" bezelWidth="14"/>
+        <process host="a" stereo="left"><screen/><screen i="1"/></process>
+        <process host="b" stereo="right"><screen/><screen i="1"/></process></configuration>"#;
+    let (wall, _) = import("hall.xml", text).expect("a wall");
+    let found: Vec<_> = wall.channels.iter().map(|c| (c.name.as_str(), c.size.x)).collect();
+    let due = ["1-1-left", "2-1-left", "1-1-right", "2-1-right"];
+    let due = due.map(|name| format!("surface-1-{name}"));
+    assert_eq!(found, due.each_ref().map(|name| (name.as_str(), 2 * 1920 + 14)));
+    assert_eq!(wall.screens[0].canvas.x, 2 * (2 * 1920 + 14) + 14);
+    refused("a.xml", &text.replace("ScreenX=\"2\"", "ScreenX=\"5\""), "of 5 displays has 9656");
+    refused("a.xml", &text.replace("\"left\"", "\"both\""), "there is no eye both");
 }
 
 #[test]
@@ -108,6 +124,68 @@ fn equalizer_says_walls_of_segments() {
     refused("a.eqc", &text.replace("[ -2 -1 -3 ]", "[ -2 -1"), "is not closed");
     refused("a.eqc", &format!("{text} }}"), "one } too many");
     refused("a.eqc", "server { config { } }", "no segment of a canvas");
+}
+
+#[test]
+fn equalizer_has_defaults_for_what_a_file_leaves_out() {
+    let text = r#"#Equalizer 1.0 ascii
+        global { EQ_CONFIG_FATTR_EYE_BASE 0.07 }
+        server { config {
+            appNode { pipe { window { viewport [ 0 0 .5 1 ] channel { name "ß" } } } }
+            canvas {
+                wall { type HMD top_left [ -0.8 1.5 -1 ] }
+                segment { channel "ß" }
+                segment { channel "ß" projection { } }
+            } } }"#;
+    let (wall, told) = import("Übersicht.eqc", text).expect("a wall");
+    assert_eq!((wall.name.as_str(), wall.eye_separation_m), ("bersicht", 0.07));
+    let names: Vec<_> = wall.channels.iter().map(|channel| channel.name.as_str()).collect();
+    assert_eq!(names, ["channel", "channel-2"]);
+    assert_eq!(wall.screens[0].canvas.to_array(), [960, 1080]);
+    assert!(told.iter().any(|line| line.contains("display of 1920 × 1080")), "{told:?}");
+    let made = eqc::read(&eqc::parse(Path::new("a.eqc"), text).expect("a tree")).expect("a wall");
+    let usual =
+        [DVec3::new(-0.8, -0.5, -1.0), DVec3::new(0.8, -0.5, -1.0), DVec3::new(-0.8, 0.5, -1.0)];
+    for (screen, top) in made.screens.iter().zip([1.5, 0.5]) {
+        let Shape::Plane(corners) = screen.shape else { panic!("{made:?}") };
+        let due = [usual[0], usual[1], usual[2].with_y(top)];
+        for (corner, due) in corners.into_iter().zip(due) {
+            assert!(corner.distance(due) < 1e-5, "{corner} is not {due}");
+        }
+    }
+}
+
+#[test]
+fn names_are_those_that_a_wall_file_may_have() {
+    for (file, due) in [
+        ("Übersicht.mpcdi", "bersicht"),
+        ("..hidden.mpcdi", "hidden"),
+        ("Hall_1 b.mpcdi", "hall_1-b"),
+        ("ß_.mpcdi", "wall"),
+    ] {
+        assert_eq!(wall_name(Path::new(file)), due, "{file}");
+    }
+}
+
+#[test]
+fn archives_that_make_no_wall_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [file, wall_file] = ["hall.xml", "wall.toml"].map(|name| folder.path().join(name));
+    let turn = "<yaw>0</yaw><pitch>0</pitch><roll>0</roll>";
+    let angles = "<leftAngle>-1</leftAngle><rightAngle>1</rightAngle><downAngle>-1</downAngle>\
+                  <upAngle>1</upAngle>";
+    let text = format!(
+        r#"<MPCDI profile="sl" version="2.0"><display><buffer id="all"><region id="a" x="0" y="0"
+        xsize="1" ysize="1" xResolution="100" yResolution="100"><frustum>{turn}{angles}</frustum>
+        </region></buffer></display></MPCDI>"#
+    );
+    fs::write(&file, text).expect("written");
+    let output = folder.path().to_owned();
+    // So near, the lens lights less than a millimetre.
+    let arguments = Arguments { file, output, width: 4.0, distance: 0.01, force: false };
+    let error = archive(&arguments, &wall_file).expect_err("too small").to_string();
+    assert!(error.contains("make no wall"), "{error}");
+    assert!(!wall_file.exists(), "it is written");
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! Configurations of Tide and DisplayCluster: tiles of one plane, in pixels alone.
 //!
-//! Keys are those of the `examples/` of both: `surfaces` with `numScreensX`, `displayWidth` and
-//! `bezelWidth` (pixels; less than 0 where displays overlap), and older XML with `dimensions`.
+//! Keys are those of the `examples/` of both: `surfaces` with `numScreensX` (later `screenCountX`),
+//! `displaysPerScreenX`, `displayWidth` and `bezelWidth` (pixels; less than 0 where displays
+//! overlap), and older XML with `dimensions`.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -10,15 +11,17 @@ use super::super::made::{Made, plain_name};
 use super::tree::{At, Tree};
 
 /// Names of the same number in Tide and in DisplayCluster.
-const ACROSS: [&[&str]; 3] = [
-    &["numscreensx", "numtileswidth"],
+const ACROSS: [&[&str]; 4] = [
+    &["numscreensx", "screencountx", "numtileswidth"],
     &["displaywidth", "screenwidth"],
     &["bezelwidth", "mullionwidth"],
+    &["displaysperscreenx"],
 ];
-const DOWN: [&[&str]; 3] = [
-    &["numscreensy", "numtilesheight"],
+const DOWN: [&[&str]; 4] = [
+    &["numscreensy", "screencounty", "numtilesheight"],
     &["displayheight", "screenheight"],
     &["bezelheight", "mullionheight"],
+    &["displaysperscreeny"],
 ];
 
 /// The displays of a process: its surface, whose eye, its column and row.
@@ -44,7 +47,7 @@ pub(super) fn read(tree: &Tree, width_m: f64, distance_m: f64) -> anyhow::Result
         return Err(root.error("it has no surface", "add one with its displays"));
     }
     let stem = tree.path.file_stem().unwrap_or_default().to_string_lossy();
-    let mut made = Made { name: plain_name(&stem), ..Made::default() };
+    let mut made = Made { name: plain_name(&stem, "wall"), ..Made::default() };
     let servers = servers(&root, &mut made)?;
     tree.note("it says nothing of metres: put the screens and the eye where they are");
     root.leave_out(&[
@@ -142,15 +145,22 @@ fn eyes_of(servers: &BTreeMap<Place, String>, surface: i64) -> Vec<String> {
     eyes.iter().map(|eye| (*eye).to_owned()).collect()
 }
 
-/// Displays, pixels of each and pixels between them, in one direction.
-fn numbers(surface: &At<'_>, [count, side, gap]: [&[&str]; 3]) -> anyhow::Result<[i64; 3]> {
+/// Screens, pixels of each and pixels between them, in one direction. A screen of several displays
+/// has the pixels between those too (`SurfaceConfig::getScreenWidth` of Tide).
+fn numbers(surface: &At<'_>, [count, side, gap, per]: [&[&str]; 4]) -> anyhow::Result<[i64; 3]> {
     let side = match surface.get_any(side) {
         Some(at) => at,
         None => surface.need(side[0])?,
     };
     let count = surface.get_any(count).map_or(Ok(1), |at| at.integer(1..=64))?;
     let gap = surface.get_any(gap).map_or(Ok(0), |at| at.integer(-4096..=4096))?;
-    Ok([count, side.integer(1..=8192)?, gap])
+    let per = surface.get_any(per).map_or(Ok(1), |at| at.integer(1..=64))?;
+    let pixels = side.integer(1..=8192)? * per + (per - 1) * gap;
+    if !(1..=8192).contains(&pixels) {
+        let what = format!("a screen of {per} displays has {pixels} pixels");
+        return Err(side.error(what, "1 to 8192 would be right"));
+    }
+    Ok([count, pixels, gap])
 }
 
 /// The server of each display: one for each process.
@@ -163,10 +173,12 @@ fn servers(root: &At<'_>, made: &mut Made) -> anyhow::Result<BTreeMap<Place, Str
         }
         for screen in process.list("screens", "screen")? {
             let number = |name: &str| screen.get(name).map_or(Ok(0), |at| at.integer(0..=63));
-            let eye = screen.get("stereo").map_or(Ok("mono"), |at| at.text())?.to_lowercase();
+            // In older XML a process may say it for its screens.
+            let stereo = screen.get("stereo").or_else(|| process.get("stereo"));
+            let eye = stereo.as_ref().map_or(Ok("mono"), At::text)?.to_lowercase();
             let eye = if eye.is_empty() { "mono".to_owned() } else { eye };
-            if !["mono", "left", "right"].contains(&eye.as_str()) {
-                let at = screen.need("stereo")?;
+            let is_known = ["mono", "left", "right"].contains(&eye.as_str());
+            if let Some(at) = stereo.filter(|_| !is_known) {
                 return Err(at.error(format!("there is no eye {eye}"), "left or right are right"));
             }
             let place = (number("surface")?, eye, number("i")?, number("j")?);

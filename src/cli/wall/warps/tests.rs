@@ -73,6 +73,19 @@ fn mirrors_that_cannot_be_are_refused() {
 }
 
 #[test]
+fn pictures_of_all_directions_are_turned_by_any_yaw() {
+    for (yaw, azimuth) in [(270.0, "[-270.0, 90.0]"), (-360.0, "[-180.0, 180.0]")] {
+        let output = tempfile::tempdir().expect("a folder");
+        let path = output.path().to_owned();
+        let folder = Folder { name: None, eye: DVec3::Y, output: path, force: false };
+        let arguments = EquirectangularArguments { folder, pixels: [64, 32], yaw, radius: 5.0 };
+        arguments.run().expect("a wall");
+        let text = std::fs::read_to_string(output.path().join("wall.toml")).expect("a wall file");
+        assert!(text.contains(&format!("azimuth = {azimuth}")), "{yaw}: {text}");
+    }
+}
+
+#[test]
 fn points_are_three_numbers() {
     assert_eq!(point("0, 1.5,-2"), Ok(DVec3::new(0.0, 1.5, -2.0)));
     for text in ["", "1,2", "1,2,3,4", "a,b,c", "1,2,nan", "1,2,1e9"] {

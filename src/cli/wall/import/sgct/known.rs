@@ -2,6 +2,9 @@
 //!
 //! From `sgct.schema.json`, its older editions and the documentation, in small letters.
 
+/// Said of windows and of projections.
+const SPOUT: &str = "Spout and NDI outputs are left out: channels show on displays";
+
 pub(super) const CLUSTER: &[&str] = &[
     "$schema",
     "version",
@@ -107,6 +110,7 @@ pub(super) const WINDOW: &[&str] = &[
     "monitor",
     "mpcdi",
     "spout",
+    "spoutname",
     "ndi",
     "scalablemesh",
     "gamma",
@@ -131,6 +135,9 @@ pub(super) const WINDOW_LEFT_OUT: &[(&str, &str)] = &[
     ("alwaysrender", "windows that draw while hidden are left out: channels always draw"),
     ("tags", "tags of windows are left out"),
     ("monitor", "monitor numbers are left out: give monitor of [channel] its name"),
+    ("spout", SPOUT),
+    ("spoutname", SPOUT),
+    ("ndi", SPOUT),
 ];
 
 pub(super) const VIEWPORT: &[&str] = &[
@@ -198,6 +205,7 @@ pub(super) const PROJECTION: &[&str] = &[
     "radius",
     "mapping",
     "mappingspoutname",
+    "spoutname",
     "drawmain",
     "channels",
     "spout",
@@ -211,9 +219,9 @@ pub(super) const PROJECTION_LEFT_OUT: &[(&str, &str)] = &[
     ("quality", "the resolution of cube maps is left out: as many pixels are drawn as are shown"),
     ("interpolation", "the interpolation of cube maps is left out: it is bicubic"),
     ("background", "background colours are left out: what no lens lights is black"),
-    ("keepaspectratio", "windows that change their size are left out"),
-    ("mappingspoutname", "Spout and NDI outputs are left out: channels show on displays"),
-    ("spout", "Spout and NDI outputs are left out: channels show on displays"),
-    ("ndi", "Spout and NDI outputs are left out: channels show on displays"),
-    ("drawmain", "Spout and NDI outputs are left out: channels show on displays"),
+    ("mappingspoutname", SPOUT),
+    ("spoutname", SPOUT),
+    ("spout", SPOUT),
+    ("ndi", SPOUT),
+    ("drawmain", SPOUT),
 ];

@@ -37,6 +37,8 @@ pub(super) enum Projection<'t> {
         radius: f64,
         offset: DVec3,
         crop: Crop,
+        /// If false, its square is stretched over the picture.
+        keeps_aspect: bool,
     },
     Equirectangular,
     /// Degrees by which it is turned, and its height in radii.
@@ -229,7 +231,8 @@ fn fisheye<'t>(at: &At<'t>) -> anyhow::Result<Projection<'t>> {
     // The shader subtracts the offset from directions with y down and z along the axis.
     let given = at.vector_or_zero("offset")?;
     let offset = lens.rotation() * DVec3::new(-given.x, given.y, given.z);
-    Ok(Projection::Fisheye { lens, radius: diameter / 2.0, offset, crop })
+    let keeps_aspect = at.get("keepaspectratio").map_or(Ok(true), |at| at.flag())?;
+    Ok(Projection::Fisheye { lens, radius: diameter / 2.0, offset, crop, keeps_aspect })
 }
 
 fn cylinder<'t>(at: &At<'t>) -> anyhow::Result<Projection<'t>> {
@@ -321,7 +324,8 @@ impl Projection<'_> {
                     + (upper_right - upper_left) * place.x
                     + (upper_left - lower_left) * place.y,
             ),
-            Self::Fisheye { lens, radius, offset, crop } => {
+            Self::Fisheye { lens, radius, offset, crop, keeps_aspect } => {
+                let aspect = keeps_aspect.then_some(aspect);
                 let direction = lens.direction(crop.place(place, aspect)?)?;
                 Some(eye + (direction + offset) * radius)
             }
@@ -337,12 +341,14 @@ impl Projection<'_> {
 
 impl Crop {
     /// The place in a fisheye's square of a place of the picture, which shows the rest of the
-    /// square as large as it fits.
-    fn place(self, place: DVec2, aspect: f64) -> Option<DVec2> {
+    /// square as large as it fits; without an aspect the rest is stretched over the picture.
+    fn place(self, place: DVec2, aspect: Option<f64>) -> Option<DVec2> {
         let [left, right, bottom, top] = self.0;
-        let aspect = aspect * (1.0 - bottom - top) / (1.0 - left - right);
-        let fits =
-            if aspect >= 1.0 { DVec2::new(1.0 / aspect, 1.0) } else { DVec2::new(1.0, aspect) };
+        let fits = match aspect.map(|aspect| aspect * (1.0 - bottom - top) / (1.0 - left - right)) {
+            Some(aspect) if aspect >= 1.0 => DVec2::new(1.0 / aspect, 1.0),
+            Some(aspect) => DVec2::new(1.0, aspect),
+            None => DVec2::ONE,
+        };
         let at = ((place * 2.0 - 1.0) / fits + 1.0) / 2.0;
         let is_inside = at.clamp(DVec2::ZERO, DVec2::ONE) == at;
         let low = DVec2::new(left, bottom);

@@ -193,23 +193,31 @@ fn crops_show_the_rest_of_the_circle_as_large_as_fits() {
     let point = warp[239 * 640].expect("lit");
     let radius = (319.5f64).hypot(0.5) / 320.0;
     assert!(((-point.z / 7.4).acos() - radius * PI / 2.0).abs() < 1e-9, "{point}");
+    // Stretched, the rim touches all four sides.
+    let keys = r#""type": "FisheyeProjection", "tilt": 90, "keepaspectratio": false"#;
+    let warp = one_screen(&format!(r#""projection": {{{keys}}}"#)).warp.expect("a warp");
+    let point = warp[239 * 640].expect("lit");
+    let radius = (319.5f64 / 320.0).hypot(0.5 / 240.0);
+    assert!(((-point.z / 7.4).acos() - radius * PI / 2.0).abs() < 1e-9, "{point}");
 }
 
 #[test]
 fn surfaces_that_a_wall_file_knows_need_no_map() {
     let screen = one_screen(r#""projection": {"type": "EquirectangularProjection"}"#);
     assert_eq!((screen.shape, screen.warp), (Shape::all_around(DVec3::ZERO, 5.0), None));
-    let screen = one_screen(
-        r#""projection": {"type": "CylindricalProjection", "rotation": 90, "heightoffset": -0.5,
-        "radius": 4}"#,
-    );
     let due = Shape::Cylinder {
         center: DVec3::ZERO,
         radius: 4.0,
         degrees: [-90.0, 270.0],
         height: [-2.0, 2.0],
     };
-    assert_eq!((screen.shape, screen.warp), (due, None));
+    for rotation in [90, 450, -270] {
+        let screen = one_screen(&format!(
+            r#""projection": {{"type": "CylindricalProjection", "rotation": {rotation},
+            "heightoffset": -0.5, "radius": 4}}"#
+        ));
+        assert_eq!((screen.shape, screen.warp), (due, None), "{rotation}");
+    }
 }
 
 #[test]
@@ -217,7 +225,7 @@ fn faces_of_cubes_meet_at_their_edges() {
     let text = one(
         "",
         r#""projection": {"type": "SpoutOutputProjection", "quality": "1k", "mapping": "cubemap",
-        "orientation": {"yaw": 45, "pitch": 0, "roll": 0}}"#,
+        "spoutname": "dome", "orientation": {"yaw": 45, "pitch": 0, "roll": 0}}"#,
     );
     let (made, told) = import(&text).expect("a wall");
     assert_eq!(made.screens.len(), 6);
@@ -281,6 +289,7 @@ fn what_makes_a_wall_wrong_is_told() {
     for (window, viewport, what) in [
         (r#""fxaa": true,"#, "", "FXAA is left out"),
         (r#""border": true,"#, "", "borders are left out"),
+        (r#""spoutname": "hall","#, "", "Spout and NDI outputs are left out"),
         (r#""stereo": "active","#, "", "stereo active is not known"),
         (r#""stereo": "side_by_side_inverted","#, "", "left eye is now on the left"),
         ("", r#""overlay": "logo.png", "#, "(overlay) is left out"),

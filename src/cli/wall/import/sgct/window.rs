@@ -65,11 +65,11 @@ impl Reader<'_> {
             }
         }
         let given = window.get("name").map_or(Ok(""), |name| name.text())?;
-        let name = match server {
-            _ if !given.is_empty() => plain_name(given),
+        let unnamed = match server {
             Some(server) => format!("{server}-window-{}", index + 1),
             None => format!("window-{}", index + 1),
         };
+        let name = plain_name(given, &unnamed);
         if window.get("draw3d").map_or(Ok(true), |at| at.flag()).is_ok_and(|draws| !draws) {
             self.tree.note(format!("the window {name} draws no scene, and is left out"));
             return Ok(());
@@ -353,12 +353,16 @@ fn shape(projection: &Projection<'_>, eye: DVec3) -> Option<Shape> {
             (cosine.abs() <= RIGHT_ANGLE_COSINE_MAX).then_some(Shape::Plane(corners))
         }
         Projection::Equirectangular => Some(Shape::all_around(eye, RADIUS_DEFAULT_M)),
-        Projection::Cylinder { rotation, bottom, radius } => Some(Shape::Cylinder {
-            center: eye,
-            radius,
-            degrees: [-rotation, 360.0 - rotation],
-            height: [bottom * radius, (bottom + 1.0) * radius],
-        }),
+        Projection::Cylinder { rotation, bottom, radius } => {
+            // A wall file takes no more than a whole turn either way.
+            let rotation = rotation.rem_euclid(360.0);
+            Some(Shape::Cylinder {
+                center: eye,
+                radius,
+                degrees: [-rotation, 360.0 - rotation],
+                height: [bottom * radius, (bottom + 1.0) * radius],
+            })
+        }
         _ => None,
     }
 }
