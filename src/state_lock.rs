@@ -45,12 +45,13 @@ impl StateLock {
             output_file::make_folder(folder).with_context(named)?;
         }
         let path = lock_path(state);
+        let locked = || format!("cannot lock {}; name another file with --state", path.display());
         if path.symlink_metadata().is_ok() {
-            output_file::check(&path).with_context(|| path.display().to_string())?;
+            output_file::check(&path).with_context(locked)?;
         }
         let mut options = OpenOptions::new();
         let options = options.read(true).write(true).create(true).truncate(false);
-        let mut file = options.open(&path).with_context(|| path.display().to_string())?;
+        let mut file = options.open(&path).with_context(locked)?;
         match if is_shared { file.try_lock_shared() } else { file.try_lock() } {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
@@ -120,7 +121,10 @@ mod tests {
     #[test]
     fn refuses_a_state_file_that_is_none() {
         let folder = tempfile::tempdir().expect("a folder");
-        for path in [folder.path().to_owned(), "/dev/null".into(), "/dev/null/state".into()] {
+        let beside_folder = folder.path().join("wall.state");
+        fs::create_dir(lock_path(&beside_folder)).expect("made");
+        let odd = ["/dev/null", "/dev/null/state", "/proc/wall.state"].map(PathBuf::from);
+        for path in odd.into_iter().chain([folder.path().to_owned(), beside_folder]) {
             let refused = format!("{:#}", StateLock::take(&path).expect_err("no file"));
             assert!(refused.contains("--state"), "{refused}");
         }

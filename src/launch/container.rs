@@ -70,8 +70,13 @@ pub(crate) fn units(plan: &LaunchPlan, image: &str) -> anyhow::Result<UnitFiles>
             }
             mounts.extend(server.environment.get("XAUTHORITY").cloned());
             let mut service = service(image, &arguments, &server.environment, mounts);
-            if server.output.is_some_and(|output| output != LaunchOutput::Headless) {
+            let has_display = server.output.is_some_and(|output| output != LaunchOutput::Headless);
+            if has_display || server.gpu.is_some() || server.gpus > 0 {
                 service["devices"] = json!(["/dev/dri"]);
+            }
+            if has_display {
+                // The display may come up after it; a server that ends in order stays ended.
+                service["restart"] = json!("on-failure");
             }
             services.insert(format!("server-{name}"), service);
         }

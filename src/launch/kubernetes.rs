@@ -17,6 +17,10 @@ const TOKEN: &str = "/etc/polyptych/token";
 const WALL: &str = "/etc/polyptych/wall";
 const SCENES: &str = "/scenes";
 
+/// The state file of a manager without keys, on its volume: by default it stands beside the token,
+/// which lies in a volume that is read-only.
+const STATE: &str = "/var/lib/polyptych/wall.state";
+
 /// The file that probes read; the image makes its folder.
 const ALIVE: &str = "/run/polyptych/alive";
 
@@ -72,6 +76,12 @@ fn http_port(arguments: &[String]) -> Option<u16> {
         port = number.filter(|port| *port > 0);
     }
     port
+}
+
+/// Returns whether these arguments say where the manager's state is, or that it has none.
+fn names_state(arguments: &[String]) -> bool {
+    let is_name = |word: &str| matches!(word, "--state" | "--afresh");
+    arguments.iter().any(|word| is_name(word) || word.starts_with("--state="))
 }
 
 struct Manifests<'p> {
@@ -130,6 +140,9 @@ impl Manifests<'_> {
             is_insecure: self.plan.launch.is_insecure,
         });
         arguments.extend(["--scenes", SCENES, "--alive", ALIVE].map(str::to_owned));
+        if !self.has_keys() && !names_state(&self.plan.launch.manager_arguments) {
+            arguments.extend(["--state", STATE].map(str::to_owned));
+        }
         let mut container_ports = vec![json!({ "name": "wall", "containerPort": port })];
         let mut service_ports = vec![json!({ "name": "wall", "port": port, "targetPort": port })];
         if let Some(http) = http_port(&self.plan.launch.manager_arguments) {

@@ -199,6 +199,14 @@ impl LaunchPlan {
                 );
                 return Err(self.fault("launch.address", what));
             }
+            // An address on loopback is that of a tunnel.
+            if is_loopback && !is_loopback_address(address) {
+                let what = format!(
+                    "the manager listens at {listen} only, and servers are told {address}; write \
+                     listen = \"0.0.0.0:{port}\" under [network]"
+                );
+                return Err(self.fault("network.listen", what));
+            }
             return Ok(address.clone());
         }
         let manager = machine_of(self.launch.manager_host.as_deref());

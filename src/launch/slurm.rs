@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
+use std::net::Ipv4Addr;
 
 use polyptych_tls::NodeIdentity;
 use polyptych_wall_file::LaunchOutput;
@@ -31,24 +32,28 @@ pub(crate) fn units(plan: &LaunchPlan) -> anyhow::Result<UnitFiles> {
 fn script(plan: &LaunchPlan, port: &str) -> String {
     let launch = &plan.launch;
     let hosts = launch.servers.values().map(|server| server.host.as_deref());
-    let hosts: Option<BTreeSet<&str>> =
-        hosts.chain([launch.manager_host.as_deref()]).map(machine_of).collect();
+    let hosts = hosts.chain([launch.manager_host.as_deref()]);
+    let nodes: Option<BTreeSet<&str>> = hosts.map(|host| machine_of(host).map(node_name)).collect();
     let count = launch.servers.len();
     let gpus: u32 = launch.servers.values().map(|server| server.gpus).sum();
     let mut text = String::from("#!/bin/bash\n");
     text.push_str(&head(plan, "slurm"));
     let _ = write!(
         text,
-        "# It runs on any number of nodes: sbatch --nodes=N chooses. It ends with the manager.\n\
+        "# It runs on any number of nodes: sbatch --nodes=N chooses, and --nodelist=... which. It\n\
+         # ends with the manager.\n\
          #SBATCH --job-name=polyptych-{}\n\
          #SBATCH --ntasks={}\n",
         plan.wall.name,
         count + 1
     );
-    match hosts {
-        Some(hosts) => {
-            let list = hosts.iter().copied().collect::<Vec<_>>().join(",");
-            let _ = writeln!(text, "#SBATCH --nodes={}\n#SBATCH --nodelist={list}", hosts.len());
+    match nodes {
+        Some(nodes) => {
+            let _ = writeln!(text, "#SBATCH --nodes={}", nodes.len());
+            if !nodes.iter().any(|node| is_address(node)) {
+                let list = nodes.into_iter().collect::<Vec<_>>().join(",");
+                let _ = writeln!(text, "#SBATCH --nodelist={list}");
+            }
         }
         None => {
             let _ = writeln!(text, "#SBATCH --nodes=1-{count}");
@@ -61,7 +66,7 @@ fn script(plan: &LaunchPlan, port: &str) -> String {
     let _ = write!(
         text,
         "#SBATCH --signal=B:TERM@30\nset -u\nport={port}\n\
-         may_leave_machine={may_leave}\n{FUNCTIONS}\n"
+         may_leave_machine={may_leave}\njob_gpus={gpus}\n{FUNCTIONS}\n"
     );
     let manager_host = machine_of(launch.manager_host.as_deref()).unwrap_or_default();
     let _ = writeln!(text, "choose_address {}", quoted(manager_host));
@@ -78,6 +83,20 @@ fn script(plan: &LaunchPlan, port: &str) -> String {
     }
     text.push_str(END);
     text
+}
+
+/// Returns the name of a machine's node: Slurm calls most nodes by the first part of their names
+/// in ssh. An address stays whole.
+fn node_name(machine: &str) -> &str {
+    if is_address(machine) {
+        return machine;
+    }
+    machine.split_once('.').map_or(machine, |(node, _)| node)
+}
+
+/// Returns whether a machine is named by its address, which names no node.
+fn is_address(machine: &str) -> bool {
+    machine.contains(':') || machine.parse::<Ipv4Addr>().is_ok()
 }
 
 fn manager(plan: &LaunchPlan) -> String {
@@ -175,14 +194,23 @@ keep() { # NAME COMMAND...
     done
 }
 
+# sbatch exports the GPUs of the whole job, and each srun would ask for all of them.
+unset SLURM_GPUS SLURM_GPUS_PER_NODE SLURM_GPUS_PER_TASK SLURM_TRES_PER_TASK SLURM_GRES
+
 kept=()
 run() { # NAME NODE GPUS COMMAND...
-    local name=$1 node=$2 gpus=()
-    [ "$3" -eq 0 ] || gpus=(--gpus-per-task="$3")
+    local name=$1 node=$2 shares=(--overlap)
+    if [ "$3" -gt 0 ]; then
+        # Steps that overlap would all get the first GPU of their node.
+        shares=(--exact --mem=0 --gpus-per-task="$3")
+        shares+=(${SLURM_CPUS_PER_TASK:+--cpus-per-task="$SLURM_CPUS_PER_TASK"})
+    elif [ "$job_gpus" -gt 0 ]; then
+        shares+=(--gpus=0)
+    fi
     shift 3
     echo "polyptych: $name on $node"
-    keep "$name" srun --nodes=1 --ntasks=1 --overlap --nodelist="$node" --input=none \
-        --job-name="$name" "${gpus[@]}" env "$@" &
+    keep "$name" srun --nodes=1 --ntasks=1 --nodelist="$node" --input=none \
+        --job-name="$name" "${shares[@]}" env "$@" &
     kept+=("$!")
 }
 

@@ -1,6 +1,6 @@
 //! Units of systemd: for each machine a service for each of its processes, and a target for all.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::net::SocketAddr;
 
@@ -16,6 +16,17 @@ const MANAGER_WATCHDOG_S: u32 = 30;
 /// opened again, may hold the render thread for half a minute.
 const SERVER_WATCHDOG_S: u32 = 90;
 
+/// Lines of a service that is not started again without end.
+const START_LIMIT: &str = "\
+    # What fails five times within a minute stays failed, until systemctl reset-failed.\n\
+    StartLimitIntervalSec=60\n\
+    StartLimitBurst=5\n";
+
+/// Lines of a service with a display, which is there some time after a boot.
+const NO_START_LIMIT: &str = "\
+    # The display may come up later than this service.\n\
+    StartLimitIntervalSec=0\n";
+
 /// The user of services on machines whose host names none.
 const USER_DEFAULT: &str = "polyptych";
 
@@ -25,6 +36,10 @@ struct Service<'s> {
     command: Vec<String>,
     environment: &'s BTreeMap<String, String>,
     user: &'s str,
+    /// `true` if processes of other users run on its machine.
+    shares_machine: bool,
+    /// `true` if it draws on a display.
+    has_display: bool,
     target: &'s str,
     watchdog_s: u32,
     /// Maximum time until it says that it is ready, as systemd reads it.
@@ -84,12 +99,15 @@ fn put_machine(
         units.files.push(UnitFile::new(format!("{place}/{name}"), text));
     };
     let head = head(plan, "systemd");
+    let shares_machine = has_several_users(plan, machine);
     if machine.has_manager {
         let service = Service {
             description: format!("Manager of the wall {}", plan.wall.name),
             command: with_program(plan.manager_there()),
             environment: &plan.launch.environment,
             user: user_of(plan.launch.manager_host.as_deref()),
+            shares_machine,
+            has_display: false,
             target: &target,
             watchdog_s: MANAGER_WATCHDOG_S,
             // It bakes the files of the wall first, for minutes; a bake ends by itself.
@@ -104,6 +122,8 @@ fn put_machine(
             command: with_program(plan.server_there(name, address, LaunchOutput::Headless)),
             environment: &server.environment,
             user: user_of(server.host.as_deref()),
+            shares_machine,
+            has_display: server.output.is_some_and(|output| output != LaunchOutput::Headless),
             target: &target,
             watchdog_s: SERVER_WATCHDOG_S,
             // It is ready when it has joined, and the manager may come a day later.
@@ -123,6 +143,14 @@ fn put_machine(
         let text = format!("{head}{}", socket_text(plan));
         units.files.push(UnitFile::new(format!("{place}/{base}-manager.socket"), text));
     }
+}
+
+/// Returns whether processes of several users run on a machine.
+fn has_several_users(plan: &LaunchPlan, machine: &Machine<'_>) -> bool {
+    let servers = machine.servers.iter().map(|name| plan.launch.servers[*name].host.as_deref());
+    let manager = machine.has_manager.then_some(plan.launch.manager_host.as_deref());
+    let users: BTreeSet<&str> = servers.chain(manager).map(user_of).collect();
+    users.len() > 1
 }
 
 /// The user that a host names, or the one of services.
@@ -146,7 +174,16 @@ fn socket_text(plan: &LaunchPlan) -> String {
 
 impl Service<'_> {
     fn text(&self) -> String {
-        let Self { description, user, target, watchdog_s, start_time_max, .. } = self;
+        let Self { description, target, watchdog_s, start_time_max, .. } = self;
+        let user = literal(self.user);
+        let (limit, pause) =
+            if self.has_display { (NO_START_LIMIT, "2s") } else { (START_LIMIT, "500ms") };
+        // At each start systemd gives a folder to the service's user, with all that is in it.
+        let (folder, home) = if self.shares_machine {
+            (format!("polyptych-{user}/polyptych"), format!("/polyptych-{user}"))
+        } else {
+            ("polyptych".to_owned(), String::new())
+        };
         let command = self.command.iter().map(|word| command_word(word)).collect::<Vec<_>>();
         let target = literal(target);
         let mut text = format!(
@@ -154,29 +191,26 @@ impl Service<'_> {
              Description={}\n\
              Wants=network-online.target\n\
              After=network-online.target\n\
-             PartOf={}\n\
-             # What fails five times within a minute stays failed, until systemctl reset-failed.\n\
-             StartLimitIntervalSec=60\n\
-             StartLimitBurst=5\n\n\
+             PartOf={target}\n\
+             {limit}\n\
              [Service]\n\
              Type=notify\n\
              NotifyAccess=main\n\
              ExecStart={}\n\
              Restart=on-failure\n\
-             RestartSec=500ms\n\
+             RestartSec={pause}\n\
              WatchdogSec={watchdog_s}\n\
              TimeoutStartSec={start_time_max}\n\
              TimeoutStopSec=10\n\
-             User={}\n\
-             StateDirectory=polyptych\n\
-             CacheDirectory=polyptych\n\
+             User={user}\n\
+             StateDirectory={folder}\n\
+             CacheDirectory={folder}\n\
              RuntimeDirectory=%N\n\
              NoNewPrivileges=yes\n\
-             Environment=XDG_STATE_HOME=%S XDG_CACHE_HOME=%C XDG_RUNTIME_DIR=%t/%N\n",
+             Environment=XDG_STATE_HOME=%S{home} XDG_CACHE_HOME=%C{home} \
+                 XDG_RUNTIME_DIR=%t/%N\n",
             literal(description),
-            target,
             command.join(" "),
-            literal(user),
         );
         for (name, value) in self.environment {
             let assignment = value_word(&format!("{name}={value}"));

@@ -23,6 +23,13 @@ fn lines() -> String {
     LINES.replace("PROGRAM", env!("CARGO_BIN_EXE_polyptych"))
 }
 
+/// A wall of two servers whose manager listens at all addresses of its machine.
+fn wall_of_machines(place: &TestDir) {
+    wall_with(place, 2, &lines());
+    let text = fs::read_to_string(place.path("wall.toml")).expect("a file");
+    place.write("wall.toml", text.replace("127.0.0.1:", "0.0.0.0:"));
+}
+
 fn names(folder: &Path) -> BTreeSet<String> {
     let entries = fs::read_dir(folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
     entries.map(|entry| entry.expect("an entry").file_name().to_string_lossy().into()).collect()
@@ -32,7 +39,7 @@ fn names(folder: &Path) -> BTreeSet<String> {
 #[cfg_attr(not(has_systemd), ignore = "no systemd-analyze")]
 fn systemd_takes_its_units() {
     let place = TestDir::new();
-    wall_with(&place, 2, &lines());
+    wall_of_machines(&place);
     let said = place.run(["unit", "systemd", "wall.toml", "-o", "units"]).succeeded();
     assert!(said.contains("render1: sudo systemctl daemon-reload"), "{said}");
     let here = place.path("units/here");
@@ -78,7 +85,7 @@ fn fake_slurm(place: &TestDir) {
     script(
         place,
         "bin/srun",
-        "#!/bin/bash\necho \"srun $*\" >>\"$SRUN_LOG\"\n\
+        "#!/bin/bash\necho \"srun $* of ${SLURM_GPUS-no} GPUs\" >>\"$SRUN_LOG\"\n\
          while [ \"$1\" != env ]; do shift; done\nexec \"$@\"\n",
     );
     // Restarts of a test do not wait.
@@ -99,7 +106,8 @@ fn batch(place: &TestDir, nodes: &str, file: &str) -> Process {
         .envs(variables)
         .env("PATH", path)
         .env("SRUN_LOG", place.path("srun.log"))
-        .env("SLURM_JOB_NODELIST", nodes);
+        .env("SLURM_JOB_NODELIST", nodes)
+        .env("SLURM_GPUS", "1");
     Process::start("batch", &mut command)
 }
 
@@ -155,10 +163,12 @@ fn a_batch_job_places_servers_on_the_nodes_it_has() {
     let mut job = batch(&place, "n1,render1.example,n3", "job/polyptych-small.sh");
     assert_eq!(job.finish(wait::LIMIT).code(), 0, "{}", job.output());
     let log = fs::read_to_string(place.path("srun.log")).expect("a log");
+    // A step asks for its own GPUs, and not for those of the job.
+    let (none, one) = ("--overlap --gpus=0 ", "--exact --mem=0 --gpus-per-task=1 ");
     for parts in [
-        ["--nodelist=n1 ", "manager ", "--listen 0.0.0.0:"],
-        ["--nodelist=n1 ", "--name front-1-1 ", "--manager n1:"],
-        ["--nodelist=render1.example ", "--name front-2-1 ", "--gpus-per-task=1 "],
+        ["--nodelist=n1 ", none, "manager ", "--listen 0.0.0.0:", "of no GPUs"],
+        ["--nodelist=n1 ", none, "--name front-1-1 ", "--manager n1:", "of no GPUs"],
+        ["--nodelist=render1.example ", one, "--name front-2-1 ", "--manager n1:", "of no GPUs"],
     ] {
         let is_there = log.lines().any(|line| parts.iter().all(|part| line.contains(part)));
         assert!(is_there, "{parts:?}: {log}");
@@ -180,7 +190,7 @@ fn documents(file: &Path) -> Vec<Value> {
 #[cfg_attr(not(has_yaml), ignore = "no python3 with yaml")]
 fn manifests_and_compose_files_are_yaml_with_what_the_wall_says() {
     let place = TestDir::new();
-    wall_with(&place, 2, &lines());
+    wall_of_machines(&place);
     for kind in ["kubernetes", "container"] {
         place.run(["unit", kind, "wall.toml", "-o", kind, "--image", "r.example/p:1"]).succeeded();
     }
@@ -208,6 +218,7 @@ fn manifests_and_compose_files_are_yaml_with_what_the_wall_says() {
     let service = &compose[0]["services"]["server-front-2-1"];
     assert_eq!(service["network_mode"], "host");
     assert_eq!(service["restart"], "on-failure:5");
+    assert_eq!(service["devices"][0], "/dev/dri");
     // Of all keys a container has its own.
     let keys = "/etc/k/server-front-2-1";
     let bind =
@@ -337,6 +348,17 @@ fn a_package_has_the_program_its_manuals_and_its_services() {
         let line = contents.lines().find(|line| line.ends_with(path));
         let line = line.unwrap_or_else(|| panic!("{path}: {contents}"));
         assert!(line.contains("root/root"), "{line}");
+    }
+    let tree = place.path("tree");
+    let unpacked = Command::new("dpkg-deb").arg("--extract").args([&file, &tree]).status();
+    assert!(unpacked.expect("dpkg-deb").success());
+    for (unit, limit) in [
+        ("polyptych-manager.service", "StartLimitBurst=5\n"),
+        ("polyptych-server@.service", "StartLimitIntervalSec=0\n"),
+    ] {
+        let text = fs::read_to_string(tree.join("usr/lib/systemd/system").join(unit));
+        let text = text.expect("a unit");
+        assert!(text.contains(limit) && text.contains("TimeoutStartSec=infinity\n"), "{text}");
     }
     let fields = ask("--field");
     assert!(fields.contains("Depends: libc6 (>= 2."), "{fields}");

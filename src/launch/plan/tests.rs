@@ -1,6 +1,8 @@
 //! Plans of a wall of two servers.
 
 use super::*;
+use crate::launch::unit_file::UnitFiles;
+use crate::launch::{container, kubernetes, slurm, systemd};
 
 const WALL: &str = "[wall]\nname = \"w\"\n[[screen]]\nname = \"f\"\nsize = [2.0, 1.0]\n\
                     center = [0.0, 0.0, -1.0]\n[screen.tiles]\ncolumns = 2\npixels = [100, 100]\n\
@@ -16,6 +18,13 @@ fn plan(lines: &str) -> anyhow::Result<LaunchPlan> {
 #[track_caller]
 fn address(lines: &str) -> Result<String, String> {
     plan(lines).expect(lines).manager_address().map_err(|error| error.to_string())
+}
+
+/// The text of the file at this path.
+#[track_caller]
+fn text_of<'u>(units: &'u UnitFiles, path: &str) -> &'u str {
+    let file = units.files.iter().find(|file| file.path.to_str() == Some(path));
+    &file.unwrap_or_else(|| panic!("no {path}")).text
 }
 
 #[test]
@@ -50,6 +59,10 @@ fn servers_are_told_an_address_that_they_reach() {
             "[launch]\naddress = \"head:7878\"\n[server.a]\nhost = \"r\"\n",
             ["launch.address", "head:7878, over a network", "keys = \"/FOLDER\""],
         ),
+        (
+            "[launch]\nkeys = \"/k\"\naddress = \"head:7878\"\n",
+            ["network.listen", "127.0.0.1:7878 only", "listen = \"0.0.0.0:7878\""],
+        ),
         ("[network]\nlisten = \"127.0.0.1:0\"\n", ["network.listen", "port 0", "7878"]),
     ] {
         let error = address(lines).expect_err(lines);
@@ -79,9 +92,10 @@ fn command_lines_say_what_the_file_does() {
 }
 
 #[test]
-fn users_of_one_machine_share_its_files() {
+fn users_of_one_machine_share_its_units_and_no_folder() {
     let plan = plan(
         "[launch]\nkeys = \"/k\"\nmanager = \"me@r\"\naddress = \"r:1\"\n\
+         [network]\nlisten = \"0.0.0.0:1\"\n\
          [server.a]\nhost = \"you@r\"\n[server.b]\nhost = \"root@localhost\"\n",
     )
     .expect("a plan");
@@ -89,16 +103,73 @@ fn users_of_one_machine_share_its_files() {
     let summary: Vec<_> =
         machines.iter().map(|it| (it.host, it.has_manager, it.servers.clone())).collect();
     assert_eq!(summary, [(Some("me@r"), true, vec!["a"]), (None, false, vec!["b"])]);
-    let units = crate::launch::systemd::units(&plan).expect("units");
-    let text_of = |path: &str| {
-        let file = units.files.iter().find(|file| file.path.to_str() == Some(path));
-        file.unwrap_or_else(|| panic!("no {path}")).text.as_str()
-    };
-    let target = text_of("r/polyptych-w.target");
+    let units = systemd::units(&plan).expect("units");
+    let target = text_of(&units, "r/polyptych-w.target");
     assert!(target.contains("polyptych-w-manager.service polyptych-w-server-a.service"));
-    assert!(text_of("r/polyptych-w-manager.service").contains("User=me\n"));
-    assert!(text_of("r/polyptych-w-server-a.service").contains("User=you\n"));
-    assert!(text_of("here/polyptych-w-server-b.service").contains("User=root\n"));
+    for (path, user, folder, home) in [
+        ("r/polyptych-w-manager", "me", "polyptych-me/polyptych", "%S/polyptych-me"),
+        ("r/polyptych-w-server-a", "you", "polyptych-you/polyptych", "%S/polyptych-you"),
+        ("here/polyptych-w-server-b", "root", "polyptych", "%S"),
+    ] {
+        let text = text_of(&units, &format!("{path}.service"));
+        let owned = format!("User={user}\nStateDirectory={folder}\nCacheDirectory={folder}\n");
+        assert!(text.contains(&owned), "{text}");
+        assert!(text.contains(&format!("XDG_STATE_HOME={home} ")), "{text}");
+    }
+}
+
+#[test]
+fn servers_with_a_display_are_started_without_end() {
+    let plan = plan("[server.a]\noutput = \"fullscreen\"\n[server.b]\ngpu = \"RTX\"\n");
+    let plan = plan.expect("a plan");
+    let units = systemd::units(&plan).expect("units");
+    for (name, limit, pause) in [
+        ("manager", "StartLimitBurst=5\n\n", "RestartSec=500ms\n"),
+        ("server-a", "StartLimitIntervalSec=0\n\n", "RestartSec=2s\n"),
+        ("server-b", "StartLimitBurst=5\n\n", "RestartSec=500ms\n"),
+    ] {
+        let text = text_of(&units, &format!("here/polyptych-w-{name}.service"));
+        assert!(text.contains(limit) && text.contains(pause), "{text}");
+    }
+    let units = container::units(&plan, "i").expect("units");
+    let compose = text_of(&units, "here/compose.yaml");
+    let count = |part: &str| compose.matches(part).count();
+    assert_eq!([count("\"on-failure\""), count("\"on-failure:5\"")], [1, 2], "{compose}");
+    // The one draws on a display, the other on a GPU that it names.
+    assert_eq!(count("/dev/dri"), 2, "{compose}");
+}
+
+#[test]
+fn a_manager_in_a_pod_keeps_its_state_on_its_volume() {
+    for (lines, is_named) in [
+        ("insecure = true\n", true),
+        ("insecure = true\nmanager_arguments = [\"--state=/s\"]\n", false),
+        ("insecure = true\nmanager_arguments = [\"--state\", \"/s\"]\n", false),
+        ("insecure = true\nmanager_arguments = [\"--afresh\"]\n", false),
+        ("keys = \"/k\"\n", false),
+    ] {
+        let plan = plan(&format!("[launch]\n{lines}")).expect(lines);
+        let units = kubernetes::units(&plan, "i").expect(lines);
+        let manager = text_of(&units, "manager.yaml");
+        assert_eq!(manager.contains("\"/var/lib/polyptych/wall.state\""), is_named, "{lines}");
+    }
+}
+
+#[test]
+fn a_job_asks_for_nodes_by_their_short_names() {
+    for (host, nodes) in [
+        ("r2", "#SBATCH --nodes=2\n#SBATCH --nodelist=r1,r2\n"),
+        // An address names no node.
+        ("10.0.0.2", "#SBATCH --nodes=2\n#SBATCH --signal"),
+    ] {
+        let lines = format!(
+            "[launch]\nmanager = \"r1\"\n[server.a]\nhost = \"me@r1.example\"\n\
+             [server.b]\nhost = {host:?}\n"
+        );
+        let units = slurm::units(&plan(&lines).expect(host)).expect(host);
+        let script = text_of(&units, "polyptych-w.sh");
+        assert!(script.contains(nodes), "{script}");
+    }
 }
 
 #[test]
