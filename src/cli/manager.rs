@@ -2,9 +2,13 @@
 
 mod standby;
 
+use std::io::Read;
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 use std::pin::pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use anyhow::{Context, bail};
@@ -17,15 +21,19 @@ use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::service_notifier::ServiceNotifier;
 use polyptych_protocol::token;
-use polyptych_tls::{Credentials, NodeIdentity};
+use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 use polyptych_wall::Wall;
 
 use super::shutdown_signal::shutdown_signal;
 use super::{bake_files, cache_folder, http, load_wall, log_file_warnings, say};
+use crate::logging;
 use crate::state_lock::StateLock;
 
 /// Address space of one bake, in MiB: enough for scenes of several gigabytes, not for a bomb.
 pub(super) const BAKE_MEMORY_MIB_DEFAULT: u64 = 8192;
+
+/// Time between two looks at keys that are not valid yet.
+const CLOCK_PERIOD: Duration = Duration::from_secs(1);
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -104,8 +112,13 @@ pub(super) const WALL_STOPPED: &str = "wall stopped";
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let mut wall = load_wall(&arguments.wall)?;
     let listen = arguments.listen.clone().unwrap_or_else(|| wall.listen.clone());
+    let is_running = Arc::new(AtomicBool::new(false));
+    if arguments.with_parent {
+        end_with_parent(&is_running)?;
+    }
     if let Some(folder) = &arguments.keys {
-        Credentials::load(folder)?.expect_identity(&NodeIdentity::Manager)?;
+        let keys = load_keys(|| Credentials::load(folder), || thread::sleep(CLOCK_PERIOD))?;
+        keys.expect_identity(&NodeIdentity::Manager)?;
     }
     let mut listeners = Listeners::inherit_or_bind(&arguments, &listen)?;
     let address = listeners.main.local_addr()?;
@@ -120,21 +133,13 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     };
     let baker = baker(store, arguments.bake_memory_mib)?;
     log_file_warnings(&bake_files(&mut wall, &arguments.wall, &baker)?);
-    let memory = match (&arguments.state, arguments.afresh) {
-        (Some(state), _) => Some(state.clone()),
-        (None, true) => None,
-        // Beside the token: what a user's managers keep stands in one folder. Two managers of one
-        // wall have two ports.
-        (None, false) => {
-            let port = address.port();
-            Some(token.with_file_name(format!("{}-{port}.state", file_name(&wall.name))))
-        }
-    };
+    let memory = state_file(&arguments, &token, &wall.name, address.port());
     let lock = if arguments.standby { StateLock::share } else { StateLock::take };
     let _lock = memory.as_deref().map(lock).transpose()?;
     let notifier = ServiceNotifier::from_environment(arguments.alive.as_deref())?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let mut is_asked_to_end = pin!(shutdown_signal(arguments.with_parent)?);
+    is_running.store(true, Ordering::Relaxed);
     let mut leadership = None;
     if let Some(state) = memory.as_deref().filter(|_| arguments.standby) {
         // Who does not lead accepts nothing, so that peers go on to the manager that does.
@@ -175,6 +180,64 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         say(WALL_STOPPED)?;
     }
     Ok(())
+}
+
+/// Ends this process if its parent ends before `is_running`: a bake takes minutes, in which no
+/// event loop notices. Bakers end by their own standard input.
+fn end_with_parent(is_running: &Arc<AtomicBool>) -> std::io::Result<()> {
+    let watch = watch_input(std::io::stdin(), Arc::clone(is_running), || {
+        logging::finish();
+        std::process::exit(0);
+    });
+    watch.map(drop)
+}
+
+/// Calls `end`, on a thread of its own, if the input ends before `is_running`.
+fn watch_input(
+    mut input: impl Read + Send + 'static,
+    is_running: Arc<AtomicBool>,
+    end: impl FnOnce() + Send + 'static,
+) -> std::io::Result<JoinHandle<()>> {
+    let watch = move || {
+        // What cannot be read has ended, too.
+        let _ = std::io::copy(&mut input, &mut std::io::sink());
+        if !is_running.load(Ordering::Relaxed) {
+            end();
+        }
+    };
+    thread::Builder::new().name("early-parent".into()).spawn(watch)
+}
+
+/// Loads the manager's keys. Machines without a battery start in the past: until their time has
+/// begun, `pause` is called between two attempts. No supervisor counts signs of life before the
+/// first one.
+fn load_keys<T>(
+    mut load: impl FnMut() -> Result<T, CredentialsError>,
+    mut pause: impl FnMut(),
+) -> Result<T, CredentialsError> {
+    let mut is_told = false;
+    loop {
+        match load() {
+            Err(error @ CredentialsError::NotYetValid { identity: NodeIdentity::Manager, .. }) => {
+                if !std::mem::replace(&mut is_told, true) {
+                    tracing::warn!(%error, "waiting for the right time");
+                }
+                pause();
+            }
+            loaded => return loaded,
+        }
+    }
+}
+
+/// The file in which the open scene and the camera are remembered; `None` to remember nothing.
+fn state_file(arguments: &Arguments, token: &Path, wall: &str, port: u16) -> Option<PathBuf> {
+    if arguments.afresh {
+        return None;
+    }
+    // Beside the token: what a user's managers keep stands in one folder. Two managers of one wall
+    // have two ports.
+    let beside = || token.with_file_name(format!("{}-{port}.state", file_name(wall)));
+    Some(arguments.state.clone().unwrap_or_else(beside))
 }
 
 /// Logs where this manager is reached, and by what.
@@ -363,7 +426,34 @@ fn bind_metrics(at: &str, insecure: bool) -> anyhow::Result<TcpListener> {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
+
     use super::*;
+
+    #[test]
+    fn the_end_of_the_parent_ends_a_manager_that_does_not_run_yet() {
+        for runs in [false, true] {
+            let (end, has_ended) = std::sync::mpsc::sync_channel(1);
+            let end = move || end.send(()).expect("heard");
+            let watch = watch_input(std::io::empty(), Arc::new(AtomicBool::new(runs)), end);
+            watch.expect("a thread").join().expect("no panic");
+            assert_eq!(has_ended.try_recv().is_ok(), !runs);
+        }
+    }
+
+    #[test]
+    fn keys_that_are_not_valid_yet_are_waited_for() {
+        let early = |identity| CredentialsError::NotYetValid { path: "k".into(), identity };
+        let clock = Cell::new(0);
+        let is_right = || (clock.get() == 3).then_some(());
+        let pause = || clock.set(clock.get() + 1);
+        load_keys(|| is_right().ok_or_else(|| early(NodeIdentity::Manager)), pause)
+            .expect("the clock is right");
+        // Those of another node are good at no time.
+        let of_client = || Err::<(), _>(early(NodeIdentity::Client("c".into())));
+        load_keys(of_client, pause).expect_err("not the manager's");
+        assert_eq!(clock.get(), 3);
+    }
 
     #[test]
     fn a_socket_elsewhere_than_asked_is_refused_with_both_addresses() {
