@@ -1,7 +1,7 @@
 //! The state that a manager keeps over a restart: a small file that is there whole or not at all.
 //!
 //! ```text
-//! PLYPSTA5 | BLAKE3 of what follows, 32 bytes | encoded wall without paths | encoded Memory
+//! PLYPSTA6 | BLAKE3 of what follows, 32 bytes | encoded wall without paths | encoded Memory
 //! ```
 //!
 //! The last letter is the version of the form.
@@ -33,7 +33,7 @@ const MEMORY_BYTES_MAX: u64 = 2 * MESSAGE_BYTES_MAX as u64;
 const VALUES_BYTES_MAX: usize = 8 * MEMORY_BYTES_MAX as usize;
 
 /// The first bytes of a file of this version.
-const MAGIC: [u8; 8] = *b"PLYPSTA5";
+const MAGIC: [u8; 8] = *b"PLYPSTA6";
 
 /// The first bytes of files of all versions: a file that begins otherwise is another program's, and
 /// is not written over.
@@ -290,6 +290,7 @@ mod tests {
             }),
             clips: PlayedClips::default(),
             rest: RestRules { idle_s: Some(600.0), hours: None },
+            is_head_tracked: true,
         };
         let wall = Wall { scenes: vec!["../here".into()], ..Wall::new("w", vec![], vec![]) };
         StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");

@@ -29,6 +29,10 @@ struct DeviceEntry {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Devices {
     entries: Vec<DeviceEntry>,
+    /// The client that has placed the head; `None` if a session, the wall file or another manager
+    /// has.
+    #[serde(default)]
+    pub head_of: Option<SessionId>,
     /// The way of a head whose bridge has left.
     #[serde(default)]
     pub head_return: Option<HeadReturn>,
@@ -43,7 +47,7 @@ impl Devices {
             client: None,
         };
         let entries = wall.devices.iter().map(|device| entry(&device.name)).collect();
-        Self { entries, head_return: None }
+        Self { entries, head_of: None, head_return: None }
     }
 
     /// Returns the time at which a head that returns is moved next.
@@ -127,9 +131,19 @@ impl Cluster {
         Ok(())
     }
 
-    /// Marks the devices of a client as lost: its connection has ended. A head that one of them
-    /// tracks is held, and then returns to its place in the wall file.
+    /// Returns whether a bridge has placed the head with a device that it reads, or the head
+    /// returns from there.
+    pub(super) fn is_head_tracked(&self) -> bool {
+        let Devices { entries, head_of, head_return } = &self.devices;
+        let is_read = |entry: &DeviceEntry| head_of.is_some() && entry.client == *head_of;
+        let mut all = self.wall.devices.iter().zip(entries);
+        head_return.is_some() || all.any(|(device, entry)| device.head.is_some() && is_read(entry))
+    }
+
+    /// Marks the devices of a client as lost: its connection has ended. The head is held, and then
+    /// returns to its place in the wall file, if the client has placed it with one of them.
     pub(super) fn lose_devices(&mut self, now: Micros, client: SessionId) {
+        let is_its_head = self.devices.head_of == Some(client) && self.is_head_tracked();
         for place in 0..self.devices.entries.len() {
             let entry = &self.devices.entries[place];
             if entry.client == Some(client) {
@@ -141,11 +155,10 @@ impl Cluster {
                     ..entry.status.clone()
                 };
                 self.set_device(now, place, status, None);
-                let devices = &self.wall.devices;
-                if let Some(tracking) = devices.get(place).and_then(|device| device.head.clone()) {
-                    self.begin_head_return(now, &tracking);
-                }
             }
+        }
+        if is_its_head {
+            self.begin_head_return(now);
         }
     }
 

@@ -72,7 +72,7 @@ impl Cluster {
             | Request::OpenOutcome { .. }
             | Request::CloseScene) => return self.open(now, job, opening),
             Request::SetCamera(camera) => self.place_camera(checked_camera(camera)?),
-            Request::SetHead(head) => self.place_head(head)?,
+            Request::SetHead(head) => self.place_head(Some(job.client), head)?,
             Request::Fly(flight) => self.fly(now, &flight)?,
             Request::ReportDevices(report) => self.report_devices(now, job.client, report)?,
             Request::SetViews(views) => self.request_views(views)?,

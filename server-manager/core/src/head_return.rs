@@ -1,12 +1,13 @@
-//! The head of a viewer whose bridge has left: it is held, then eased to its place in the wall
-//! file, as the bridge does for a tracker that falls silent.
+//! The head of a viewer whose bridge has left, or has not come back to a restarted manager: it is
+//! held, then eased to its place in the wall file, as the bridge does for a tracker that falls
+//! silent.
 
 use polyptych_protocol::head_update::HeadUpdate;
 use polyptych_wall::device::HeadTracking;
 use polyptych_wall::head::HeadPose;
 use serde::{Deserialize, Serialize};
 
-use super::{Cluster, Micros};
+use super::{Cluster, Micros, SessionId};
 
 /// Time between two places of a head that moves: as often as most displays show a frame.
 const STEP: Micros = 16_667;
@@ -50,16 +51,27 @@ impl HeadReturn {
 }
 
 impl Cluster {
-    /// Moves the head as a client or a session asks for, which ends a return.
-    pub(super) fn place_head(&mut self, update: HeadUpdate) -> Result<(), String> {
+    /// Moves the head as a client asks for, or a session or another manager (`None`); that ends a
+    /// return.
+    pub(super) fn place_head(
+        &mut self,
+        client: Option<SessionId>,
+        update: HeadUpdate,
+    ) -> Result<(), String> {
         self.set_head(update)?;
-        self.devices.head_return = None;
+        (self.devices.head_of, self.devices.head_return) = (client, None);
         Ok(())
     }
 
     /// Begins the return of a head whose bridge has left.
-    pub(super) fn begin_head_return(&mut self, now: Micros, tracking: &HeadTracking) {
+    pub(super) fn begin_head_return(&mut self, now: Micros) {
         let (from, to) = (self.presentation.head, self.resting_head());
+        let mut trackers = self.wall.devices.iter().filter_map(|device| device.head.as_ref());
+        let Some(tracking) = trackers.next() else {
+            // The tracker is no longer in the wall file: its bridge cannot come back.
+            self.presentation.head = to;
+            return;
+        };
         let way = HeadReturn::new(now, tracking, from, &to);
         self.devices.head_return = (from != to).then_some(way);
     }

@@ -59,6 +59,10 @@ pub struct PersistentState {
     /// The rules by which displays go dark by themselves.
     #[serde(default)]
     pub rest: RestRules,
+    /// `true` if a tracker has placed the head, which then returns to its place in the wall file
+    /// unless its bridge comes back; `false` for a head that stays.
+    #[serde(default)]
+    pub is_head_tracked: bool,
 }
 
 impl PersistentState {
@@ -81,11 +85,12 @@ impl PersistentState {
             clips: PlayedClips::default(),
             environment: None,
             rest: RestRules::default(),
+            is_head_tracked: false,
         }
     }
 
-    /// Returns whether more differs than the camera, the head and the views, which a client sends
-    /// all the time, and how far a tour or what is followed has come.
+    /// Returns whether more differs than the camera, the head (tracked or not) and the views, which
+    /// a client sends all the time, and how far a tour or what is followed has come.
     pub fn differs_in_work(&self, other: &Self) -> bool {
         let Presentation { camera, head, views, .. } = other.presentation.clone();
         let presentation = Presentation { camera, head, views, ..self.presentation.clone() };
@@ -96,8 +101,8 @@ impl PersistentState {
         let following = if is_followed_alike { &other.following } else { &self.following };
         let (tour, following) = (tour.clone(), following.clone());
         let clips = if self.clips.is_same(&other.clips) { &other.clips } else { &self.clips };
-        let clips = clips.clone();
-        Self { presentation, tour, following, clips, ..self.clone() } != *other
+        let (clips, is_head_tracked) = (clips.clone(), other.is_head_tracked);
+        Self { presentation, tour, following, clips, is_head_tracked, ..self.clone() } != *other
     }
 }
 
@@ -155,6 +160,10 @@ impl Cluster {
         for reason in cluster.resume(memory, 0) {
             tracing::warn!(reason, "a part of the remembered state was left out");
         }
+        if memory.is_head_tracked {
+            // Its bridge may have ended with the other manager; one that lives places it anew.
+            cluster.begin_head_return(0);
+        }
         cluster.restore_rest(memory.rest);
         cluster.restore_places();
         // Frames of another life were shown; its displays say that their manager is lost.
@@ -200,7 +209,8 @@ impl Cluster {
         self.presentation.glow = glow.filter(|glow| glow.fault().is_none());
         self.presentation.ambient_occlusion = ambient_occlusion.filter(|of| of.fault().is_none());
         self.presentation.depth_of_field = depth_of_field.filter(|of| of.fault().is_none());
-        let head = self.place_head(head.into()).map_err(|reason| format!("the head: {reason}"));
+        let head = self.place_head(None, head.into());
+        let head = head.map_err(|reason| format!("the head: {reason}"));
         let views = self.set_views(views.clone()).map_err(|reason| format!("views: {reason}"));
         let bounds = self.set_bounds(bounds).map_err(|reason| format!("the bounds: {reason}"));
         self.stored_views.clear();
@@ -232,6 +242,7 @@ impl Cluster {
             clips: self.remembered_clips(),
             environment: self.shown.environment.clone(),
             rest: self.rest.rules(),
+            is_head_tracked: self.is_head_tracked(),
         }
     }
 

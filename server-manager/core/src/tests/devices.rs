@@ -179,15 +179,17 @@ fn a_head_that_is_set_does_not_return_and_one_of_another_device_stays() {
     stage.wait(2_500_000);
     let on_the_way = stage.cluster.presentation.head.position;
     assert!(on_the_way != place, "it returns");
-    stage.cluster.handle_client(OTHER, "bridge".into());
     stage.request(Request::SetHead(HeadUpdate::from(place)));
     stage.wait(9_000_000);
     assert_eq!(stage.cluster.presentation.head.position, place);
-    // A wand's bridge says nothing of the head.
-    assert_eq!(report(&mut stage, OTHER, &[live("2")]), None);
-    stage.cluster.handle_client_gone(stage.now, OTHER);
-    stage.wait(9_000_000);
-    assert_eq!(stage.cluster.presentation.head.position, place);
+    // A wand's bridge says nothing of the head, nor does a tracker's that has not placed it.
+    for name in ["2", "1"] {
+        stage.cluster.handle_client(OTHER, "bridge".into());
+        assert_eq!(report(&mut stage, OTHER, &[live(name)]), None);
+        stage.cluster.handle_client_gone(stage.now, OTHER);
+        stage.wait(9_000_000);
+        assert_eq!(stage.cluster.presentation.head.position, place, "device {name}");
+    }
 }
 
 #[test]
@@ -200,6 +202,42 @@ fn a_long_way_back_is_no_faster_than_a_head() {
     assert!(stage.cluster.presentation.head.position != rest);
     stage.wait(200_000);
     assert_eq!(stage.cluster.presentation.head.position, rest);
+}
+
+#[test]
+fn a_tracked_head_returns_after_a_restart_unless_it_is_placed_anew() {
+    let mut stage = tracked();
+    let rest = stage.cluster.wall.head().position;
+    let place = rest + DVec3::X * 0.3;
+    assert_eq!(report(&mut stage, CLIENT, &[live("1")]), None);
+    stage.request(Request::SetHead(HeadUpdate::from(place)));
+    let wall = stage.cluster.wall.clone();
+    let restarted = |wall: &Wall, memory: &PersistentState| {
+        let mut next = ClusterFixture::empty(1);
+        next.cluster = Cluster::restore(wall.clone(), Epoch(8), memory);
+        next.cluster.handle_client(CLIENT, "test".into());
+        next.now = 0;
+        next
+    };
+    let head = |stage: &ClusterFixture| stage.cluster.presentation.head.position;
+    let memory = stage.memories.pop().expect("it is persisted");
+    let mut next = restarted(&wall, &memory);
+    next.wait(1_999_000);
+    assert_eq!(head(&next), place, "it is held");
+    // Yet another manager holds it too.
+    next = restarted(&wall, &next.cluster.persistent_state());
+    next.wait(4_000_000);
+    assert_eq!(head(&next), rest);
+    let last = next.memories.pop().expect("it is persisted");
+    assert!(!last.is_head_tracked && !last.differs_in_work(&memory), "{last:?}");
+    // A head that is placed without a device stays, over further restarts too.
+    next = restarted(&wall, &memory);
+    next.request(Request::SetHead(HeadUpdate::from(place)));
+    next = restarted(&wall, &next.memories.pop().expect("it is persisted"));
+    next.wait(9_000_000);
+    assert_eq!(head(&next), place);
+    // Without the tracker in the wall file there is nothing to wait for.
+    assert_eq!(head(&restarted(&Wall { devices: Vec::new(), ..wall }, &memory)), rest);
 }
 
 #[test]
