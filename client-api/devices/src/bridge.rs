@@ -96,9 +96,10 @@ impl Bridge {
         self.readers[device].handle_packet(now, from, packet);
     }
 
-    /// Handles a changed value of the pad with this index.
-    pub fn handle_joystick(&mut self, now: Micros, device: usize, event: JoystickEvent) {
-        self.readers[device].handle_joystick(now, event);
+    /// Handles a reading of the pad or the 3D mouse with this index: values that have changed at
+    /// once.
+    pub fn handle_joystick(&mut self, now: Micros, device: usize, events: &[JoystickEvent]) {
+        self.readers[device].handle_joystick(now, events);
     }
 
     /// Handles a pose of the head's sensor, from the device with this index.
@@ -254,7 +255,7 @@ impl Bridge {
         let at = self.head_place()?;
         let reader = &mut self.readers[at];
         let reading = reader.pose_at?;
-        let filter = reader.filter.as_ref()?;
+        let filter = reader.filter.as_mut()?;
         let sample = filter.pose(now);
         self.is_settling = filter.is_moving();
         // Heads that are sent again, and those that are held, show no new reading.

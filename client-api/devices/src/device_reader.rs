@@ -150,20 +150,22 @@ impl DeviceReader {
         }
     }
 
-    /// Handles a changed value of a pad.
-    pub fn handle_joystick(&mut self, now: Micros, event: JoystickEvent) {
+    /// Handles a reading of a pad or a 3D mouse: values that have changed at once.
+    pub fn handle_joystick(&mut self, now: Micros, events: &[JoystickEvent]) {
         self.handle_life(now);
         let Some(flight) = &mut self.flight else { return };
         for place in 0..5 {
             let input = flight.controls().controls()[place].map(|control| control.input.clone());
-            match (input, event) {
-                (Some(ControlInput::Axis(of)), JoystickEvent::Axis(number, value))
-                | (Some(ControlInput::Button(of)), JoystickEvent::Button(number, value))
-                    if of == number =>
-                {
-                    flight.set(now, place, value);
+            for event in events {
+                match (&input, event) {
+                    (Some(ControlInput::Axis(of)), JoystickEvent::Axis(number, value))
+                    | (Some(ControlInput::Button(of)), JoystickEvent::Button(number, value))
+                        if of == number =>
+                    {
+                        flight.set(now, place, *value);
+                    }
+                    _ => {}
                 }
-                _ => {}
             }
         }
     }

@@ -68,6 +68,8 @@ pub struct PoseFilter {
     /// Readings elsewhere, and when they began.
     candidate: Option<(Micros, PoseTrack)>,
     ease: Option<Ease>,
+    /// The last pose that was handed out.
+    shown: Option<HeadSample>,
     events: Vec<FilterEvent>,
 }
 
@@ -83,6 +85,7 @@ impl PoseFilter {
             track: PoseTrack::default(),
             candidate: None,
             ease: None,
+            shown: None,
             events: Vec::new(),
         }
     }
@@ -138,10 +141,16 @@ impl PoseFilter {
 
     /// Follows a track from now on, eased from where the head is.
     fn follow(&mut self, now: Micros, track: PoseTrack, event: FilterEvent) {
-        let from = self.raw(now);
+        let from = self.ease_origin(now);
         (self.track, self.target) = (track, Target::Track);
         self.events.push(event);
         self.begin_ease(now, from);
+    }
+
+    /// Returns the pose that an ease begins at: the last one that was handed out. Predictions have
+    /// gone on since the last reading, but no frame has shown them.
+    fn ease_origin(&self, now: Micros) -> HeadSample {
+        self.shown.unwrap_or_else(|| self.raw(now))
     }
 
     fn begin_ease(&mut self, now: Micros, from: HeadSample) {
@@ -154,7 +163,7 @@ impl PoseFilter {
         if let (Target::Track, Some((last, pose))) = (self.target, self.track.last())
             && now.saturating_sub(last) >= self.lost_after
         {
-            let from = self.raw(now);
+            let from = self.ease_origin(now);
             let mut held = PoseTrack::default();
             held.add(last, pose);
             (self.track, self.target) = (held, Target::Held(now));
@@ -164,7 +173,7 @@ impl PoseFilter {
         if let Target::Held(since) = self.target
             && now.saturating_sub(since) >= micros_from_ms(self.tracking.hold_ms)
         {
-            let from = self.raw(now);
+            let from = self.ease_origin(now);
             self.target = Target::Rest;
             self.events.push(FilterEvent::Released);
             self.begin_ease(now, from);
@@ -176,11 +185,12 @@ impl PoseFilter {
 
     /// Returns the pose of the head for a frame that begins at `now`, within the bounds of the wall
     /// file; call [`Self::advance`] before.
-    pub fn pose(&self, now: Micros) -> HeadSample {
+    pub fn pose(&mut self, now: Micros) -> HeadSample {
         let mut pose = self.raw(now);
         if let Some([low, high]) = self.tracking.bounds {
             pose.position = pose.position.clamp(low, high);
         }
+        self.shown = Some(pose);
         pose
     }
 

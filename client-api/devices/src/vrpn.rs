@@ -91,6 +91,12 @@ impl VrpnStream {
         }
     }
 
+    /// Returns whether the server's cookie has come. Afterwards a server without poses may say
+    /// nothing for any time.
+    pub fn has_cookie(&self) -> bool {
+        self.has_cookie
+    }
+
     /// Reads the bytes that came next. Returns the readings of the sensor in them.
     ///
     /// # Errors
@@ -267,6 +273,7 @@ mod tests {
             let mut stream = VrpnStream::new("Tracker0", 2);
             let first = stream.read(&server()[..end]).expect("a beginning");
             assert!(first.len() <= 1);
+            assert_eq!(stream.has_cookie(), end >= COOKIE_BYTES);
         }
     }
 }

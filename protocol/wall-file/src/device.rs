@@ -274,11 +274,7 @@ impl DeviceEntry<'_> {
         }
         if self.section.kind == DeviceKind::Vrpn {
             let tracker = tracker.clone().unwrap_or_default();
-            let is_name = |c: char| c.is_ascii_graphic() && c != '@';
-            if tracker.is_empty()
-                || tracker.len() > ADDRESS_BYTES_MAX
-                || !tracker.chars().all(is_name)
-            {
+            if !is_tracker_name(&tracker) {
                 let what = format!("{tracker:?} is no name of a tracker");
                 let remedy = "write the name at the server, such as tracker = \"Tracker0\"";
                 return Err(self.error("head.tracker", what, remedy));
@@ -322,11 +318,15 @@ impl DeviceEntry<'_> {
         })
     }
 
-    /// Refuses what describes a rotation, where there is none.
+    /// Refuses what needs a tracked rotation, where there is none.
     fn refuse_rotation_keys(&self, section: &HeadSection) -> Result<(), WallFileError> {
-        let keys = [("form", section.form.is_some()), ("order", section.order.is_some())];
+        let keys = [
+            ("form", section.form.is_some()),
+            ("order", section.order.is_some()),
+            ("mount", section.mount.is_some()),
+        ];
         let Some((key, _)) = keys.iter().find(|(_, is_there)| *is_there) else { return Ok(()) };
-        let what = format!("there is no rotation, whose {key} it would be");
+        let what = format!("there is no rotation, which {key} needs");
         let remedy = "add rotation = \"/ADDRESS\", write pose instead of position, or take it away";
         Err(self.error(&format!("head.{key}"), what, remedy))
     }
@@ -434,6 +434,15 @@ pub(super) fn is_osc_address(address: &str) -> bool {
     (2..=ADDRESS_BYTES_MAX).contains(&address.len())
         && address.starts_with('/')
         && address.chars().all(is_plain)
+}
+
+/// Returns whether a VRPN server can have a tracker of this name, such as "Rigid Body 1": in VRPN
+/// the host follows a "@".
+fn is_tracker_name(name: &str) -> bool {
+    let is_plain = |c: char| !c.is_control() && c != '@';
+    (1..=ADDRESS_BYTES_MAX).contains(&name.len())
+        && name.trim() == name
+        && name.chars().all(is_plain)
 }
 
 fn is_host_and_port(place: &str) -> bool {

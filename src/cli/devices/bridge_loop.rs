@@ -147,7 +147,7 @@ fn send_due(bridge: &mut Bridge, link: &mut ManagerLink, answers: &mut Answers, 
 fn take(bridge: &mut Bridge, now: Micros, Reading { device, what }: Reading) {
     match what {
         ReadingKind::Packet(from, bytes) => bridge.handle_packet(now, device, from, &bytes),
-        ReadingKind::Joystick(event) => bridge.handle_joystick(now, device, event),
+        ReadingKind::Joystick(events) => bridge.handle_joystick(now, device, &events),
         ReadingKind::Pose(pose) => bridge.handle_pose(now, device, &pose),
         ReadingKind::Damaged(reason) => bridge.handle_damage(now, device, &reason),
         ReadingKind::Opened => bridge.handle_life(now, device),

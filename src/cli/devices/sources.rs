@@ -12,6 +12,7 @@ use polyptych_devices::osc::PACKET_BYTES_MAX;
 use polyptych_devices::sensor_pose::SensorPose;
 use polyptych_devices::spacenav;
 use polyptych_devices::vrpn::{COOKIE, VrpnStream};
+use polyptych_protocol::stream;
 use polyptych_wall::Wall;
 use polyptych_wall::device::{DeviceSource, HeadInput};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -25,9 +26,9 @@ const READINGS_MAX: usize = 256;
 /// Pause before a device that cannot be opened, or has gone, is opened again.
 const REOPEN_PAUSE: Duration = Duration::from_secs(1);
 
-/// Time within which a VRPN server answers, and then says something: one that is gone without a
-/// word is connected to anew.
-const SILENCE_MAX: Duration = Duration::from_secs(10);
+/// Time within which a VRPN server accepts the connection, and then sends its cookie. Afterwards
+/// one with nobody in view may be silent.
+const ANSWER_TIME_MAX: Duration = Duration::from_secs(10);
 
 /// Size of what is read of a stream at once, in bytes.
 const READ_BYTES: usize = 16_384;
@@ -42,8 +43,8 @@ pub struct Reading {
 pub enum ReadingKind {
     /// A UDP packet and its sender.
     Packet(SocketAddr, Vec<u8>),
-    /// A value of a pad or a 3D mouse has changed.
-    Joystick(JoystickEvent),
+    /// Values of a pad or a 3D mouse that have changed at once; at least one.
+    Joystick(Vec<JoystickEvent>),
     /// A pose of the head's sensor.
     Pose(SensorPose),
     /// A reading that is damaged.
@@ -76,7 +77,7 @@ pub async fn open(wall: &Wall) -> anyhow::Result<mpsc::Receiver<Reading>> {
             DeviceSource::Joystick { path } => {
                 let path = path.clone();
                 let thread = std::thread::Builder::new().name("joystick".into());
-                let events = |bytes| joystick::event(bytes).into_iter();
+                let events = |bytes| joystick::event(bytes).into_iter().collect::<Vec<_>>();
                 let open = |path: &str| File::open(path);
                 let hint = "plug it in, or change path";
                 thread.spawn(move || read_events(&path, hint, open, events, index, &to_bridge))?;
@@ -151,25 +152,31 @@ async fn read_vrpn(
 /// The reason for which the connection ended.
 async fn read_vrpn_once(
     server: &str,
-    mut stream: VrpnStream,
+    mut vrpn: VrpnStream,
     hint: &mut Option<String>,
     device: usize,
     to_bridge: &mpsc::Sender<Reading>,
 ) -> Result<(), String> {
-    let silent = || format!("it says nothing for {} s", SILENCE_MAX.as_secs());
-    let connecting = timeout(SILENCE_MAX, TcpStream::connect(server)).await;
+    let silent = || format!("it says nothing for {} s", ANSWER_TIME_MAX.as_secs());
+    let connecting = timeout(ANSWER_TIME_MAX, TcpStream::connect(server)).await;
     let connected = connecting.map_err(|_| silent())?;
     let mut socket = connected.map_err(|error| format!("cannot connect: {error}; start it"))?;
-    socket.set_nodelay(true).map_err(|error| error.to_string())?;
+    // A machine that is gone without a word is noticed by the system.
+    stream::tune(&socket).map_err(|error| error.to_string())?;
     socket.write_all(COOKIE).await.map_err(|error| error.to_string())?;
     let mut buffer = vec![0; READ_BYTES];
     loop {
-        let read = timeout(SILENCE_MAX, socket.read(&mut buffer)).await;
+        let reading = socket.read(&mut buffer);
+        let read = if vrpn.has_cookie() {
+            Ok(reading.await)
+        } else {
+            timeout(ANSWER_TIME_MAX, reading).await
+        };
         let length = read.map_err(|_| silent())?.map_err(|error| error.to_string())?;
         if length == 0 {
             return Err("it has closed the connection".to_owned());
         }
-        let readings = stream.read(&buffer[..length]).map_err(|error| error.to_string())?;
+        let readings = vrpn.read(&buffer[..length]).map_err(|error| error.to_string())?;
         if let Some(hint) = hint.take() {
             let what = ReadingKind::Silent(hint);
             if to_bridge.send(Reading { device, what }).await.is_err() {
@@ -185,18 +192,15 @@ async fn read_vrpn_once(
     }
 }
 
-/// Reads events of a size until the bridge ends; opens the path again if it has gone.
-fn read_events<const BYTES: usize, Events, Source>(
+/// Reads records of a size until the bridge ends; opens the path again if it has gone.
+fn read_events<const BYTES: usize, Source: Read>(
     path: &str,
     hint: &str,
     open: impl Fn(&str) -> io::Result<Source>,
-    events: impl Fn([u8; BYTES]) -> Events,
+    events: impl Fn([u8; BYTES]) -> Vec<JoystickEvent>,
     device: usize,
     to_bridge: &mpsc::Sender<Reading>,
-) where
-    Events: IntoIterator<Item = JoystickEvent>,
-    Source: Read,
-{
+) {
     let send = |what| to_bridge.blocking_send(Reading { device, what }).is_ok();
     loop {
         let failure = match open(path) {
@@ -210,7 +214,8 @@ fn read_events<const BYTES: usize, Events, Source>(
                     if let Err(error) = source.read_exact(&mut bytes) {
                         break format!("{path} has ended: {error}");
                     }
-                    if !events(bytes).into_iter().all(|event| send(ReadingKind::Joystick(event))) {
+                    let events = events(bytes);
+                    if !events.is_empty() && !send(ReadingKind::Joystick(events)) {
                         return;
                     }
                 }

@@ -280,6 +280,30 @@ fn a_wand_flies_while_it_is_held_and_stops_when_it_is_lost() {
 }
 
 #[test]
+fn a_motion_of_a_3d_mouse_is_one_reading_and_one_flight() {
+    let mut wall = wall();
+    let device = &mut wall.devices[0];
+    (device.head, device.source) = (None, DeviceSource::Spacenav { path: "/mouse".into() });
+    let fly = device.fly.as_mut().expect("controls");
+    let axis = |of| Some(Control { input: ControlInput::Axis(of), is_negative: false });
+    (fly.right, fly.forward) = (axis(0), axis(2));
+    let mut bridge = Bridge::new(&wall);
+    let motion: Vec<_> = (0..6).map(|of| JoystickEvent::Axis(of, 0.5)).collect();
+    for now in (0..=1_000_000).step_by(10_000) {
+        bridge.handle_joystick(now, 0, &motion);
+        bridge.advance(now);
+    }
+    let rate_hz = bridge.statuses(1_000_000)[0].rate_hz;
+    assert!((100.0..=101.0).contains(&rate_hz), "{rate_hz}");
+    let (report, _) = bridge.poll_request(1_000_000).expect("a report");
+    bridge.handle_answer(1_000_000, report, Ok(()));
+    let Some((_, Request::Fly(flight))) = bridge.poll_request(1_000_000) else {
+        panic!("no flight");
+    };
+    assert!(flight.offset_m.x > 0.0 && flight.offset_m.x == -flight.offset_m.z, "{flight:?}");
+}
+
+#[test]
 fn a_stick_and_a_head_of_one_device_are_lost_each_by_itself() {
     let mut stage = WallFixture::new();
     stage.send(0, &message("/stick", &[0.0, 1.0]));

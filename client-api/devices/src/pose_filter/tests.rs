@@ -82,6 +82,26 @@ fn constant_velocities_are_predicted_as_far_as_asked_and_not_faster_than_heads()
 }
 
 #[test]
+fn a_moving_head_that_is_lost_or_jumps_does_not_leap_ahead() {
+    for is_lost in [true, false] {
+        let mut filter = filter(HeadTracking { prediction_ms: 20, ..tracking() });
+        let (mut now, mut shown) = (0, 0.0);
+        while now < 1_500_000 {
+            filter.add(now, at(seconds(now)));
+            shown = seen(&mut filter, now);
+            now += PERIOD;
+        }
+        assert!((shown - seconds(now - PERIOD) - 0.02).abs() < 1e-9, "{shown}");
+        while !is_lost && !filter.add(now, at(50.0)) {
+            now += PERIOD;
+        }
+        now += if is_lost { 500_000 } else { 0 };
+        assert!((seen(&mut filter, now) - shown).abs() < 1e-9, "lost: {is_lost}");
+        assert!(filter.is_moving());
+    }
+}
+
+#[test]
 fn a_jump_of_a_hundred_metres_is_refused_until_it_is_steady_and_then_eased() {
     let mut filter = filter(tracking());
     let mut now = feed(&mut filter, 0, 1_500_000, at(0.5));

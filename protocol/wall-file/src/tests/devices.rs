@@ -94,7 +94,7 @@ fn devices_are_read_and_written_back() {
     // A metre along the tracker's y, turned to the left.
     let at = tracker.frame.position(DVec3::new(0.0, 1000.0, 0.0));
     assert!(at.abs_diff_eq(DVec3::new(-1.0, 0.0, -2.0), 1e-12), "{at}");
-    let vrpn = parsed(&[VRPN, PAD]).expect("a wall");
+    let vrpn = parsed(&[&VRPN.replace("Tracker0", "Rigid Body 1"), PAD]).expect("a wall");
     for wall in [&wall, &vrpn] {
         assert_eq!(parse(&to_toml(wall), "again.toml".as_ref()).as_ref(), Ok(wall));
     }
@@ -123,6 +123,13 @@ fn wrong_devices_are_refused_with_key_and_remedy() {
         (TRACKER, "rotation = \"/head/angles\"", "", "device[0].head.form", "no rotation"),
         (
             TRACKER,
+            "rotation = \"/head/angles\"\nform = \"euler-degrees\"\norder = \"zyx\"",
+            "",
+            "device[0].head.mount",
+            "no rotation",
+        ),
+        (
+            TRACKER,
             "prediction_ms = 20",
             "prediction_ms = 101",
             "device[0].head.prediction_ms",
@@ -139,6 +146,7 @@ fn wrong_devices_are_refused_with_key_and_remedy() {
         (MOUSE, "fly]\nforward = \"axis2\"\nturn", "head]\npose", "device[0].head", "osc"),
         (VRPN, "tracker-pc:3883", "tracker-pc", "device[0].server", "HOST:PORT"),
         (VRPN, "\"Tracker0\"", "\"a@b\"", "device[0].head.tracker", "Tracker0"),
+        (VRPN, "\"Tracker0\"", "\"a \"", "device[0].head.tracker", "Tracker0"),
     ] {
         let text = devices.replacen(from, to, 1);
         assert_ne!(text, devices, "{from}");
