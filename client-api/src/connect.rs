@@ -11,6 +11,7 @@ use polyptych_protocol::handshake_io::{ConnectionError, send_hello};
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
 use polyptych_protocol::manager_addresses::ManagerAddresses;
 use polyptych_protocol::request::Request;
+use polyptych_protocol::stall_limit::StallLimit;
 use polyptych_protocol::stream::Stream;
 use polyptych_protocol::token;
 use polyptych_text::make_printable;
@@ -18,7 +19,7 @@ use polyptych_wall::limits::{NAME_BYTES_MAX, PORT_DEFAULT};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::time::{sleep, timeout};
 
-use crate::connection::run_connection;
+use crate::connection::{WRITE_TIME_MAX, run_connection};
 use crate::connection_handle::ConnectionHandle;
 use crate::dial::dial;
 use crate::error::ClientError;
@@ -289,6 +290,7 @@ where
     name.truncate(name.floor_char_boundary(NAME_BYTES_MAX));
     let hello = Hello::Client(ClientHello { name });
     let address = options.address.clone();
+    let stream = StallLimit::new(stream, WRITE_TIME_MAX);
     let introduced = send_hello(stream, Role::Client, &hello, &Secret(token)).await;
     let (frames, mut welcome) = introduced.map_err(|error| match error {
         ConnectionError::Refused(mut reason) => {

@@ -2,6 +2,7 @@
 //! post, hands out what comes, and tells those whose time is over. The three never wait for each
 //! other.
 
+use std::io;
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,16 +12,17 @@ use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt, StreamExt};
 use polyptych_protocol::handshake_io::MessageStream;
 use polyptych_protocol::request::MessageToClient;
+use polyptych_protocol::stall_limit::StallLimit;
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep_until, timeout};
 
-use crate::connection_handle::{CloseReason, Outgoing, Shared};
+use crate::connection_handle::{CloseReason, Shared};
 use crate::error::ClientError;
+use crate::outgoing::OutgoingQueue;
 use crate::reconnect::{HandshakeResult, Reconnector};
 
 /// A manager that takes nothing for so long is gone, or as good as.
-const WRITE_TIME_MAX: Duration = Duration::from_secs(30);
+pub(crate) const WRITE_TIME_MAX: Duration = Duration::from_secs(30);
 
 /// The time that the other end may take to close, so that a reset does not cut off the last
 /// messages, and its goodbye is received.
@@ -29,9 +31,9 @@ const CLOSE_TIME_MAX: Duration = Duration::from_secs(1);
 /// Runs a connection until it ends, and further ones if it may be made again; then fails all
 /// waiting requests.
 pub(crate) fn run_connection<S, D, F>(
-    frames: MessageStream<S>,
+    frames: MessageStream<StallLimit<S>>,
     shared: Arc<Shared>,
-    messages: mpsc::Receiver<Outgoing>,
+    messages: OutgoingQueue,
     redial: Option<Reconnector<D>>,
 ) -> impl Future<Output = ()>
 where
@@ -52,9 +54,9 @@ where
 }
 
 async fn run<S, D, F>(
-    mut frames: MessageStream<S>,
+    mut frames: MessageStream<StallLimit<S>>,
     shared: &Shared,
-    mut messages: mpsc::Receiver<Outgoing>,
+    mut messages: OutgoingQueue,
     mut redial: Option<Reconnector<D>>,
 ) -> CloseReason
 where
@@ -70,7 +72,7 @@ where
         let Some(redial) = redial.as_mut().filter(|_| is_wanted) else { return end };
         shared.handle_loss(&end);
         let welcome;
-        (frames, welcome) = match redial.connect(shared, &messages).await {
+        (frames, welcome) = match redial.connect(shared, &mut messages).await {
             Ok(introduced) => introduced,
             Err(end) => return end,
         };
@@ -84,7 +86,7 @@ async fn serve<S>(
     frames: MessageStream<S>,
     shared: &Shared,
     greeting: Vec<Bytes>,
-    messages: &mut mpsc::Receiver<Outgoing>,
+    messages: &mut OutgoingQueue,
 ) -> (CloseReason, bool)
 where
     S: AsyncRead + AsyncWrite + Unpin,
@@ -97,7 +99,7 @@ where
             let heard = timeout(CLOSE_TIME_MAX, reading).await;
             match (written, heard) {
                 (Err(_), Ok(end)) => (end, true),
-                (Err(reason), Err(_)) => (CloseReason::lost(reason), true),
+                (Err(error), Err(_)) => (CloseReason::lost(error.to_string()), true),
                 (Ok(()), _) => (CloseReason::lost("this client closed it"), false),
             }
         }
@@ -149,8 +151,8 @@ async fn write<S>(
     mut sink: SplitSink<MessageStream<S>, Bytes>,
     shared: &Shared,
     greeting: Vec<Bytes>,
-    messages: &mut mpsc::Receiver<Outgoing>,
-) -> Result<(), String>
+    messages: &mut OutgoingQueue,
+) -> io::Result<()>
 where
     S: AsyncRead + AsyncWrite + Unpin,
 {
@@ -163,23 +165,16 @@ where
                 None => break,
             },
         };
-        let written = timeout(WRITE_TIME_MAX, async {
-            if let Some(first) = first {
-                sink.feed(first).await?;
-            }
-            // What was posted together travels together.
-            while let Ok(outgoing) = messages.try_recv() {
-                if let Some(message) = shared.take_to_send(outgoing) {
-                    sink.feed(message).await?;
-                }
-            }
-            sink.flush().await
-        });
-        match written.await {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => return Err(error.to_string()),
-            Err(_) => return Err(format!("the manager took nothing for {WRITE_TIME_MAX:?}")),
+        if let Some(first) = first {
+            sink.feed(first).await?;
         }
+        // What was posted together travels together.
+        while let Some(outgoing) = messages.try_recv() {
+            if let Some(message) = shared.take_to_send(outgoing) {
+                sink.feed(message).await?;
+            }
+        }
+        sink.flush().await?;
     }
     // Where it can't be closed it is closed already.
     let _closed = timeout(CLOSE_TIME_MAX, sink.close()).await;

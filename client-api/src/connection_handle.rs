@@ -9,17 +9,18 @@ use polyptych_protocol::delivery::Delivery;
 use polyptych_protocol::feedback::FrameFeedback;
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::ids::{Epoch, RequestId};
-use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
+use polyptych_protocol::limits::CALL_BYTES_MAX;
 use polyptych_protocol::progress::OpenProgress;
 use polyptych_protocol::request::{ReplyChunk, Request, RequestError, RequestMessage, Response};
 use tokio::sync::{Notify, broadcast, mpsc, oneshot, watch};
 
 use crate::connect::ConnectOptions;
 use crate::error::{ClientError, wrong_answer};
-use crate::feedback::{FEEDBACK_QUEUE_MAX, FeedbackStream};
+use crate::feedback::{FEEDBACK_QUEUE_MAX, FeedbackStream, TaggedFeedback};
 use crate::image::ChunkSink;
 use crate::in_flight::{InFlight, OPEN_REQUESTS_MAX, OpenRequest};
-use crate::pending::Pending;
+use crate::outgoing::{Outgoing, OutgoingQueue};
+use crate::pending::{CompletedResponse, Pending};
 
 /// The callers' end of a connection. The connection is closed when the last one is dropped.
 #[derive(Clone, Debug)]
@@ -58,27 +59,10 @@ struct State {
     has_stopped: bool,
     /// The reason why there is no connection now, while another one is tried.
     lost: Option<CloseReason>,
+    /// The time until which what was posted before the last loss, and not sent, may be sent.
+    unsent_until: Option<Instant>,
     /// The reason why the client has ended.
     end: Option<CloseReason>,
-}
-
-/// A frame's feedback and where it came from.
-#[derive(Clone, Debug)]
-pub(crate) struct TaggedFeedback {
-    pub feedback: Arc<FrameFeedback>,
-    pub epoch: Epoch,
-    pub connection: u64,
-}
-
-/// A request on its way to the connection task.
-#[derive(Debug)]
-pub(crate) struct Outgoing {
-    id: RequestId,
-    /// The time until which it may wait for a connection; `None` if there was one.
-    until: Option<Instant>,
-    /// The time that the request may take, once it is sent.
-    after: Duration,
-    bytes: Bytes,
 }
 
 /// The reason why a connection ended.
@@ -121,16 +105,9 @@ pub(crate) struct Wanted {
     pub delivery: Delivery,
 }
 
-/// A reply, and the pieces that came before it.
-#[derive(Debug)]
-pub(crate) struct CompletedResponse {
-    pub reply: Response,
-    pub parts: Option<ChunkSink>,
-}
-
 impl ConnectionHandle {
     /// A new connection's, with the queue that the connection task empties.
-    pub fn new(options: ConnectOptions, welcome: Welcome) -> (Self, mpsc::Receiver<Outgoing>) {
+    pub fn new(options: ConnectOptions, welcome: Welcome) -> (Self, OutgoingQueue) {
         // A message may wait after its request was given up, so this queue can be full before
         // the table is; both then say the same.
         let (outgoing, messages) = mpsc::channel(OPEN_REQUESTS_MAX);
@@ -143,6 +120,7 @@ impl ConnectionHandle {
             session: welcome.session,
             has_stopped: false,
             lost: None,
+            unsent_until: None,
             end: None,
         };
         let shared = Shared {
@@ -153,7 +131,7 @@ impl ConnectionHandle {
             options,
             state: Mutex::new(state),
         };
-        (Self { shared: Arc::new(shared), outgoing }, messages)
+        (Self { shared: Arc::new(shared), outgoing }, OutgoingQueue::new(messages))
     }
 
     /// Sends a request without waiting for its answer.
@@ -192,12 +170,13 @@ impl ConnectionHandle {
 
         let is_stop = matches!(request, Request::Stop | Request::StopServers);
         let message = polyptych_codec::encode(&RequestMessage { id, request, delivery });
-        let (bytes, limit) = (message.len(), MESSAGE_BYTES_MAX);
+        let (bytes, limit) = (message.len(), CALL_BYTES_MAX);
         let sent = if bytes > limit {
             Err(ClientError::RequestTooLarge { request: name, bytes, limit })
         } else {
             let until = state.lost.as_ref().and_then(|_| now.checked_add(shared.wait()));
-            let outgoing = Outgoing { id, until, after, bytes: message };
+            let connection = state.connection;
+            let outgoing = Outgoing { id, connection, until, after, bytes: message };
             self.outgoing.try_send(outgoing).map_err(|_| full())
         };
         if let Err(error) = sent {
@@ -243,6 +222,18 @@ impl ConnectionHandle {
         if let Err(error) = posted {
             tracing::debug!(%error, "feedback goes on coming and is ignored");
         }
+    }
+}
+
+impl State {
+    /// Returns whether a request may still be sent: it must not once its time to wait for a
+    /// connection is over, since callers are then told that nothing was sent.
+    fn is_due(&self, now: Instant, outgoing: &Outgoing) -> bool {
+        let is_older = self.lost.is_some() || outgoing.connection != self.connection;
+        let unsent_until = || self.unsent_until.filter(|_| is_older);
+        // A caller may have dropped the answer, and wants the request done all the same.
+        let until = self.open.deadline(outgoing.id).or(outgoing.until).or_else(unsent_until);
+        until.is_none_or(|until| now < until)
     }
 }
 
@@ -298,15 +289,17 @@ impl Shared {
         self.options.reconnect.map_or(Duration::ZERO, |reconnect| reconnect.wait)
     }
 
+    /// Returns whether this request may still be sent.
+    pub fn is_due(&self, outgoing: &Outgoing) -> bool {
+        self.lock().is_due(tokio::time::Instant::now().into_std(), outgoing)
+    }
+
     /// The bytes of a request that is to be sent now; `None` where it waited too long.
     pub fn take_to_send(&self, outgoing: Outgoing) -> Option<Bytes> {
         let now = tokio::time::Instant::now().into_std();
         let state = &mut *self.lock();
-        let is_open = state.open.contains(outgoing.id);
-        // A caller may have dropped the answer, and wants the request done all the same.
-        let is_fresh = || outgoing.until.is_none_or(|until| now < until);
-        let is_due =
-            if is_open { state.open.send(now, outgoing.id, outgoing.after) } else { is_fresh() };
+        let is_due = state.is_due(now, &outgoing);
+        state.open.send(now, outgoing.id, outgoing.after);
         let session = state.session;
         if let Some(waiter) = state.open.waiter_mut(outgoing.id) {
             waiter.session = session;
@@ -322,6 +315,7 @@ impl Shared {
         let sent = {
             let state = &mut *self.lock();
             state.lost = Some(end.clone());
+            state.unsent_until = now.checked_add(self.wait());
             state.open.postpone_unsent(now, self.wait());
             state.open.drain_sent(|waiter| !waiter.is_job || end.is_goodbye)
         };

@@ -7,11 +7,19 @@ use polyptych_protocol::ids::Epoch;
 use tokio::sync::broadcast;
 use tokio::sync::broadcast::error::RecvError;
 
-use crate::connection_handle::{ConnectionHandle, TaggedFeedback};
+use crate::connection_handle::ConnectionHandle;
 
 /// Maximum number of feedbacks that wait for a slow reader: four seconds at 60 frames per second.
 /// Beyond it the oldest are dropped and counted; the connection never waits.
 pub const FEEDBACK_QUEUE_MAX: usize = 256;
+
+/// A frame's feedback and where it came from.
+#[derive(Clone, Debug)]
+pub(crate) struct TaggedFeedback {
+    pub feedback: Arc<FrameFeedback>,
+    pub epoch: Epoch,
+    pub connection: u64,
+}
 
 /// The feedback of every frame from the subscription on; see [`crate::Client::feedback`].
 ///

@@ -145,9 +145,9 @@ impl<W> InFlight<W> {
         std::mem::take(&mut self.open).into_values()
     }
 
-    /// Returns whether this request waits.
-    pub fn contains(&self, id: RequestId) -> bool {
-        self.open.contains_key(&id)
+    /// Returns the time until which this request waits; `None` where it has left.
+    pub fn deadline(&self, id: RequestId) -> Option<Instant> {
+        self.open.get(&id).map(|open| open.deadline)
     }
 
     /// Returns the number of requests that wait.

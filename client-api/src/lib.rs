@@ -54,6 +54,7 @@ mod in_flight;
 #[cfg(feature = "labels")]
 mod labels;
 mod mesh_data;
+mod outgoing;
 mod pending;
 mod reconnect;
 mod saved_scenes;

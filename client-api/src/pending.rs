@@ -8,8 +8,16 @@ use polyptych_protocol::request::Response;
 use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
 
-use crate::connection_handle::{CompletedResponse, ConnectionHandle};
+use crate::connection_handle::ConnectionHandle;
 use crate::error::ClientError;
+use crate::image::ChunkSink;
+
+/// A reply, and the pieces that came before it.
+#[derive(Debug)]
+pub(crate) struct CompletedResponse {
+    pub reply: Response,
+    pub parts: Option<ChunkSink>,
+}
 
 /// A request that was sent: await it, ask it from time to time, or drop it.
 ///

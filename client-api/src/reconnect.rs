@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::handshake_io::MessageStream;
-use tokio::sync::mpsc;
+use polyptych_protocol::stall_limit::StallLimit;
 use tokio::time::{Instant, sleep};
 
-use crate::connection_handle::{CloseReason, Outgoing, Shared};
+use crate::connection_handle::{CloseReason, Shared};
 use crate::error::ClientError;
+use crate::outgoing::OutgoingQueue;
 
 /// Pause before the first attempt: a manager that is restarted finds its clients at once.
 const RETRY_FIRST: Duration = Duration::from_millis(50);
@@ -44,8 +45,9 @@ pub(crate) struct Reconnector<D> {
     pub has_standby: bool,
 }
 
-/// A connection on which both sides have introduced themselves.
-pub(crate) type HandshakeResult<S> = (MessageStream<S>, Welcome);
+/// A connection on which both sides have introduced themselves, and which ends if the manager
+/// takes nothing.
+pub(crate) type HandshakeResult<S> = (MessageStream<StallLimit<S>>, Welcome);
 
 impl<D> Reconnector<D> {
     /// Connects again.
@@ -55,7 +57,7 @@ impl<D> Reconnector<D> {
     pub async fn connect<S, F>(
         &mut self,
         shared: &Shared,
-        messages: &mpsc::Receiver<Outgoing>,
+        messages: &mut OutgoingQueue,
     ) -> Result<HandshakeResult<S>, CloseReason>
     where
         D: FnMut() -> F,
@@ -69,12 +71,15 @@ impl<D> Reconnector<D> {
             // Many clients of one manager must not come back in the same moment.
             sleep(pause.mul_f64(0.75 + 0.5 * fastrand::f64())).await;
             pause = (pause * 2).min(pause_max);
+            messages.drop_expired(shared);
             // What was posted last may still be wanted though everyone is gone.
-            let is_wanted = !messages.is_empty() && began.elapsed() < self.reconnect.wait;
-            if messages.is_closed() && !is_wanted {
+            if messages.is_finished() {
                 return Err(CloseReason::lost("this client closed it"));
             }
-            let reason = match (self.dial)().await {
+            let dialled = (self.dial)().await;
+            // What expired meanwhile must not be sent, and leaves room for others.
+            messages.drop_expired(shared);
+            let reason = match dialled {
                 Ok((_, welcome)) if welcome.wall != shared.wall => {
                     format!("it drives wall {} now, not {}", welcome.wall, shared.wall)
                 }

@@ -51,6 +51,7 @@ pub mod scene_file_list;
 pub mod screen_rest;
 pub mod server_message;
 pub mod service_notifier;
+pub mod stall_limit;
 pub mod state_log;
 mod stopped_servers;
 pub mod stored_view;

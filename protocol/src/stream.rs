@@ -13,9 +13,10 @@ use std::time::Duration;
 use socket2::{SockRef, TcpKeepalive};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf};
 use tokio::net::TcpStream;
+use tokio::time::timeout;
 
 use crate::handshake_io;
-use crate::limits::HANDSHAKE_BYTES_MAX;
+use crate::limits::{HANDSHAKE_BYTES_MAX, HANDSHAKE_TIME_MAX};
 
 /// First byte of every TLS connection: a record with a handshake message.
 const TLS_FIRST_BYTE: u8 = 0x16;
@@ -129,9 +130,33 @@ pub async fn connect(address: &str, may_leave: bool) -> Result<TcpStream, Connec
     let found = tokio::net::lookup_host(address).await.map_err(ConnectError::Unresolved)?;
     let found: Vec<SocketAddr> = found.collect();
     check_addresses(&found, may_leave)?;
-    let tcp = TcpStream::connect(&found[..]).await.map_err(ConnectError::Unreachable)?;
+    // Callers give the whole handshake this time: the last address has two shares of it.
+    let limit = HANDSHAKE_TIME_MAX / (found.len() as u32 + 1);
+    let connected = connect_first(&found, limit, TcpStream::connect::<SocketAddr>).await;
+    let tcp = connected.map_err(ConnectError::Unreachable)?;
     tune(&tcp).map_err(ConnectError::Unreachable)?;
     Ok(tcp)
+}
+
+/// Connects to the first address that answers; the error is the last one's. All but the last have a
+/// limit of time, since one that leads nowhere would take it from those behind it.
+async fn connect_first<T, F>(
+    addresses: &[SocketAddr],
+    limit: Duration,
+    connect: impl Fn(SocketAddr) -> F,
+) -> io::Result<T>
+where
+    F: Future<Output = io::Result<T>>,
+{
+    let Some((&last, others)) = addresses.split_last() else {
+        return Err(io::Error::new(io::ErrorKind::NotFound, "the name has no address"));
+    };
+    for &address in others {
+        if let Ok(Ok(connected)) = timeout(limit, connect(address)).await {
+            return Ok(connected);
+        }
+    }
+    connect(last).await
 }
 
 /// Checks that none of these addresses leads over a network, where it must not.
@@ -227,5 +252,32 @@ impl AsyncWrite for Stream {
             Self::Plain(tcp) => Pin::new(tcp).poll_shutdown(context),
             Self::Encrypted { bytes: layer, .. } => Pin::new(layer).poll_shutdown(context),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_that_leads_nowhere_leaves_time_for_the_next() {
+        let [nowhere, refused, manager] = [1, 2, 3].map(|n| SocketAddr::from(([127, 0, 0, n], 1)));
+        let connect = |address: SocketAddr| async move {
+            if address == nowhere {
+                std::future::pending::<()>().await;
+            }
+            if address == refused {
+                return Err(io::Error::from(io::ErrorKind::ConnectionRefused));
+            }
+            Ok(address)
+        };
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build();
+        runtime.expect("a runtime").block_on(async {
+            let all = [nowhere, refused, manager];
+            let reached = connect_first(&all, Duration::ZERO, connect).await;
+            assert_eq!(reached.expect("the last one answers"), manager);
+            let failed = connect_first(&all[..2], Duration::ZERO, connect).await;
+            assert_eq!(failed.expect_err("none").kind(), io::ErrorKind::ConnectionRefused);
+        });
     }
 }

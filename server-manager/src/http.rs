@@ -27,7 +27,6 @@ mod request_examples;
 mod resources;
 mod route;
 mod scene_pictures;
-mod stall_limit;
 mod trust;
 mod websocket;
 

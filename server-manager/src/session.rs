@@ -9,6 +9,7 @@ use futures_util::SinkExt;
 use polyptych_core::SessionId;
 use polyptych_protocol::handshake::{ServerHello, Welcome};
 use polyptych_protocol::server_message::ServerMessage;
+use polyptych_protocol::stall_limit::StallLimit;
 use polyptych_protocol::stream::Stream;
 use polyptych_tls::NodeIdentity;
 use tokio::io::WriteHalf;
@@ -161,10 +162,14 @@ pub(crate) async fn write_all(
 }
 
 async fn write_until_closed(
-    mut sink: FramedWrite<WriteHalf<Stream>, LengthDelimitedCodec>,
+    sink: FramedWrite<WriteHalf<Stream>, LengthDelimitedCodec>,
     mut waiting: OutboxReceiver,
     close: &CancellationToken,
 ) -> String {
+    let codec = sink.encoder().clone();
+    // A limit for each write: one for all that waits would end clients on slow links, which read.
+    let half = StallLimit::new(sink.into_inner(), STALL_TIME_MAX);
+    let mut sink = FramedWrite::new(half, codec);
     loop {
         let (message, is_piece) = tokio::select! {
             biased;
@@ -186,15 +191,47 @@ async fn write_until_closed(
             }
             SinkExt::<Bytes>::flush(&mut sink).await
         };
-        match tokio::time::timeout(STALL_TIME_MAX, work).await {
-            Ok(Ok(())) => {
-                waiting.unread.fetch_sub(written, Ordering::AcqRel);
-            }
-            Ok(Err(error)) => return format!("the connection failed: {error}"),
-            Err(_) => return format!("it has read nothing for {} s", STALL_TIME_MAX.as_secs()),
+        if let Err(error) = work.await {
+            return format!("the connection failed: {error}");
         }
+        waiting.unread.fetch_sub(written, Ordering::AcqRel);
     }
     // A peer that is gone already needs no goodbye.
     let _ = SinkExt::<Bytes>::close(&mut sink).await;
     "the manager closed the connection".to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_protocol::framing::frames;
+    use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
+    use tokio::io::AsyncReadExt;
+    use tokio::time::Instant;
+
+    use super::*;
+
+    #[test]
+    fn a_client_that_reads_nothing_is_let_go_and_a_slow_one_is_not() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        runtime.expect("a runtime").block_on(async {
+            tokio::time::pause();
+            let (ours, mut theirs) = tokio::io::duplex(1 << 10);
+            let bytes = Box::new(ours);
+            let stream = Stream::Encrypted { bytes, local: ([127, 0, 0, 1], 7878).into() };
+            let (_read_half, write_half) = tokio::io::split(stream);
+            let sink = FramedWrite::new(write_half, frames(MESSAGE_BYTES_MAX));
+            let (link, waiting) = ClientHandle::new();
+            assert!(link.send(Bytes::from(vec![0; 8 << 10])));
+            let began = Instant::now();
+            let slow = async {
+                for _ in 0..4 {
+                    tokio::time::advance(STALL_TIME_MAX * 3 / 4).await;
+                    theirs.read_exact(&mut [0; 1 << 10]).await.expect("read");
+                }
+            };
+            let (reason, ()) = tokio::join!(write_all(sink, waiting, link.close.clone()), slow);
+            assert_eq!(reason, "the connection failed: it has read nothing for 10 s");
+            assert!(began.elapsed() >= STALL_TIME_MAX * 7 / 2, "{:?}", began.elapsed());
+        });
+    }
 }

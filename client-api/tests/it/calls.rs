@@ -297,7 +297,7 @@ async fn too_many_open_requests_are_refused_and_the_rest_goes_on() {
 #[tokio::test]
 async fn a_request_beyond_a_message_is_not_sent() {
     let (client, manager) = pair().await;
-    let error = client.open_scene("x".repeat(5 << 20)).await.expect_err("too large");
+    let error = client.open_scene("x".repeat(3 << 20)).await.expect_err("too large");
     assert!(matches!(error, ClientError::RequestTooLarge { .. }), "{error}");
     assert_eq!(client.pending_requests(), 0);
     let (status, ()) = tokio::join!(async move { client.status().await }, manager.serve(answer));

@@ -7,7 +7,7 @@ use futures_util::SinkExt;
 use polyptych_client::{ClientError, Request};
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::request::MessageToClient;
-use tokio::io::AsyncWriteExt;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 use crate::manager::{options, pair, pair_with};
 
@@ -89,20 +89,24 @@ async fn garbage_ends_the_connection_with_its_name() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_manager_that_takes_nothing_is_lost_after_half_a_minute() {
+async fn a_manager_that_takes_nothing_for_half_a_minute_is_lost_and_a_slow_one_is_not() {
     let patient = {
         let mut options = options("pipe");
         options.timeouts.other = Duration::from_mins(10);
         options
     };
-    let (client, _manager) = pair_with(64, patient).await;
+    let (client, mut manager) = pair_with(64, patient).await;
     let begin = tokio::time::Instant::now();
     let open: Vec<_> = (0..100).map(|_| client.submit(Request::Status).expect("posted")).collect();
+    for _ in 0..4 {
+        tokio::time::advance(Duration::from_secs(20)).await;
+        manager.frames.get_mut().read_exact(&mut [0; 64]).await.expect("read");
+    }
     for pending in open {
         let error = pending.await.expect_err("stuck").to_string();
-        assert!(error.contains("the manager took nothing for 30s"), "{error}");
+        assert!(error.contains("it has read nothing for 30 s"), "{error}");
     }
-    assert_eq!(begin.elapsed().as_secs(), 31);
+    assert_eq!(begin.elapsed().as_secs(), 80 + 31);
 }
 
 #[tokio::test]

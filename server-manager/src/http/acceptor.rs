@@ -8,11 +8,11 @@ use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
+use polyptych_protocol::stall_limit::StallLimit;
 use tokio::net::{TcpListener, TcpStream};
 
 use super::HttpContext;
 use super::connection::Connection;
-use super::stall_limit::StallLimit;
 use crate::strangers::Strangers;
 
 /// Maximum size of a request's head. Hyper takes no smaller limit.
