@@ -37,9 +37,10 @@ pub struct ClipStatus {
 
 /// A change of how clips are played, from the next frame on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ClipChange {
     /// A clip's name, or its number from 0 on; all that move something if not given.
-    #[serde(deserialize_with = "text_of_peer")]
+    #[serde(default, deserialize_with = "text_of_peer")]
     pub clip: Option<String>,
     /// The change.
     pub action: ClipAction,
@@ -47,6 +48,7 @@ pub struct ClipChange {
 
 /// A change of one clip.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub enum ClipAction {
     /// Lets it go on. What is not given stays as it is.
     Play {

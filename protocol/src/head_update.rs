@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 /// A pose of the viewer's head; what is not given stays as it is. A tracker of one marker knows
 /// the position only.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct HeadUpdate {
     /// The middle between the eyes, in metres of display space.
     pub position: DVec3,

@@ -19,6 +19,7 @@ pub const NODE_TEXT_BYTES_MAX: usize = 1 << 20;
 
 /// Conditions of the nodes to find. All that are given must hold.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct NodeQuery {
     /// The exact name of the nodes.
     pub name: Option<String>,
@@ -107,6 +108,7 @@ pub struct LayerInfo {
 
 /// A question for what a ray meets.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct RayQuery {
     /// In world space.
     pub ray: Ray,
@@ -148,6 +150,7 @@ pub struct RayHit {
 /// A question for nodes by how their geometry lies to a region. Only nodes that are shown and whose
 /// own mesh has triangles are found, whatever hangs from them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct RegionQuery {
     /// The part of the world.
     pub region: Region,
@@ -159,6 +162,7 @@ pub struct RegionQuery {
 
 /// A question for the point of the scene's triangles that is nearest to a point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct NearestQuery {
     /// In world space.
     pub point: DVec3,

@@ -26,6 +26,7 @@ pub fn resolution_scale(steps: u8) -> f64 {
 /// An upper bound of the image-space error and a lower bound of the frame rate. Where both cannot
 /// be kept, the rate is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct QualityBounds {
     /// The distance in pixels of the wall by which surfaces may be drawn beside their place, 0 to
     /// [`ERROR_PX_MAX`]; 0 draws the finest level of everything.

@@ -65,6 +65,7 @@ impl RequestMessage {
 
 /// A request of a client.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub enum Request {
     /// Shows a scene; answered once every live channel can draw it.
     OpenScene {
@@ -150,8 +151,7 @@ pub enum Request {
         /// The number of the request on that connection.
         of: RequestId,
     },
-    /// Asks for nodes of the open scene by where their triangles are, as the state has it that
-    /// frames name.
+    /// Asks for nodes of the open scene by their triangles' places, in the state that frames name.
     FindInRegion(RegionQuery),
     /// Asks for the point of the open scene's triangles that is nearest to a point, as the state
     /// has it that frames name.

@@ -11,6 +11,7 @@ pub const IDLE_S: std::ops::RangeInclusive<f64> = 10.0..=604_800.0;
 
 /// The rules by which displays go dark. A wall without any is never dark by itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct RestRules {
     /// Time without use after which displays go dark, in seconds.
     pub idle_s: Option<f64>,
@@ -21,6 +22,7 @@ pub struct RestRules {
 /// The part of a day in which displays are lit, in minutes since midnight by the clock of the
 /// manager's machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct LitHours {
     /// The first minute.
     pub from_min: u16,

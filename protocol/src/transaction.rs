@@ -22,6 +22,7 @@ use crate::ids::Revision;
 /// assert_eq!(transaction.edits.len(), 3);
 /// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Transaction {
     /// The revision that the client has seen: a node or material that was changed since is not
     /// changed again, and the transaction refused. Where `None`, the last one wins.
@@ -40,6 +41,7 @@ pub struct Transaction {
 
 /// Assets for the open scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct NewAssets {
     /// The source of the assets.
     pub source: AssetSource,

@@ -271,8 +271,8 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
     def _exchange(self, call: Call) -> Answer:
         with self._lock:
             answer = self._transport.exchange(call)
-        if "polyptych-warning" in answer.headers:
-            _log(answer.headers["polyptych-warning"])
+        for warning in answer.warnings:
+            _log(warning)
         return answer
 
     def _post_request(self, request: WireRequest, pattern: Call) -> Any:
@@ -379,7 +379,7 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         listed = str(headers.get("polyptych-missing", ""))
         if not listed:
             return []
-        names = _text(listed).split(", ")
+        names = listed.split(", ")
         reasons = {channel.name: channel.reason for channel in self.status().channels}
         return [(name, reasons.get(name) or "it sent no picture") for name in names]
 
@@ -467,11 +467,6 @@ def _body(name: str, value: Any) -> bytes:
         reason = f"it takes {len(body)} bytes, and a request has at most {REQUEST_BYTES_MAX}"
         raise RequestTooLarge(name, reason)
     return body
-
-
-def _text(header: str) -> str:
-    """The text of a header, which http.client takes for Latin-1."""
-    return header.encode("latin-1", "replace").decode("utf-8", "replace")
 
 
 def _log(warning: str) -> None:

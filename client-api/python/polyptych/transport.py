@@ -14,7 +14,7 @@ import ssl
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, List, Mapping, Optional, Tuple
+from typing import Any, Callable, List, Mapping, Optional, Sequence, Tuple
 
 from . import bearer, credentials
 from .errors import (
@@ -42,6 +42,10 @@ _PAUSE_FIRST_S = 0.05
 _PAUSE_LONGEST_S = 2.0
 _PIECE_BYTES = 1 << 20
 _JSON_BYTES_MAX = 256 << 20
+#: The time without a request after which a connection is not used again. The manager closes one
+#: after 30 s, which must not happen while a request is on its way.
+_IDLE_MAX_S = 25.0
+_WARNING = "polyptych-warning"
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,8 @@ class Answer:
 
     headers: Mapping[str, str]
     body: bytes
+    #: What the manager says besides, such as that a change is not kept over a restart.
+    warnings: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -114,6 +120,9 @@ class Transport:
         self._was_connected = False
         self._close_reason: Optional[str] = None
         self._authorization: Optional[str] = None
+        self._answered_at = 0.0
+        #: The time in seconds, which only goes forwards.
+        self.clock: Callable[[], float] = time.monotonic
         #: Checks who the manager is, on every new connection.
         self.introduce: Callable[[], None] = lambda: None
 
@@ -170,7 +179,8 @@ class Transport:
         if self._close_reason is not None:
             raise Closed(request, address, self._close_reason)
         if self._connection is not None:
-            if not _is_over(self._connection):
+            is_idle = self.clock() - self._answered_at >= _IDLE_MAX_S
+            if not is_idle and not _is_over(self._connection):
                 return self._connection
             # Nothing was sent: the manager closes connections that are idle.
             self.drop()
@@ -207,7 +217,7 @@ class Transport:
             raise NotSecured(options.address, str(error)) from None
         except OSError as error:
             raise NoManager(options.address, str(error)) from None
-        self._connection = connection
+        self._connection, self._answered_at = connection, self.clock()
         try:
             self._authenticate()
             self.introduce()
@@ -290,9 +300,12 @@ class Transport:
             # An answer that was not read would be taken for that of the next request.
             self.drop()
             raise
+        self._answered_at = self.clock()
         if response.status != http.client.OK:
             raise self._refusal(call, response.status, body)
-        return Answer({name.lower(): value for name, value in response.getheaders()}, body)
+        headers = [(name.lower(), _text(value)) for name, value in response.getheaders()]
+        warnings = [value for name, value in headers if name == _WARNING]
+        return Answer(dict(headers), body, warnings)
 
     def _send(self, connection: Connection, call: Call, until: float) -> http.client.HTTPResponse:
         headers = {"User-Agent": _product(self.options.name)}
@@ -367,6 +380,11 @@ def _product(name: str) -> str:
     """A name as HTTP has it: a word of plain letters, digits and some signs."""
     kept = "".join(of if of.isascii() and (of.isalnum() or of in "._-") else "_" for of in name)
     return kept or "python"
+
+
+def _text(header: str) -> str:
+    """The text of a header, which http.client takes for Latin-1."""
+    return header.encode("latin-1", "replace").decode("utf-8", "replace")
 
 
 def _limit(connection: Connection, timeout_s: float) -> None:

@@ -16,6 +16,7 @@ from manager_double import STATUS, TOKEN, Handler, ManagerDouble, answer
 
 import polyptych
 from polyptych import bearer, credentials
+from polyptych.transport import Call, Transport
 
 QUICK = polyptych.Timeouts(open_scene=0.3, capture=0.3, other=0.3, connect=2.0)
 
@@ -112,6 +113,15 @@ class Outcomes(unittest.TestCase):
         self.fails(says(200, other), polyptych.WrongAnswer, "something else: Frame")
         self.fails(says(200, b"hello"), polyptych.WrongAnswer, "no JSON")
         self.fails(says(500, b"<html>"), polyptych.Handshake, "status 500: <html>")
+
+    def test_every_warning_is_logged(self) -> None:
+        warnings = ["the state is not kept", "größer als der Platz"]
+        headers = tuple(("polyptych-warning", warning) for warning in warnings)
+        done = {"response": "Done", "warnings": []}
+        with ManagerDouble(says(200, done, headers)) as double, connect(double) as wall:
+            with self.assertLogs("polyptych", "WARNING") as logs:
+                wall.set_exposure(1.0)
+        self.assertEqual([record.getMessage() for record in logs.records], warnings)
 
     def test_numbers_that_json_has_not_are_refused_here(self) -> None:
         with ManagerDouble(hangs_up) as double:
@@ -232,6 +242,17 @@ class Connecting(unittest.TestCase):
                     pass
             self.assertEqual(len(double.requests), 3)
             self.assertEqual(double.connections, 3)
+
+    def test_a_connection_is_made_again_before_the_manager_closes_it(self) -> None:
+        call = Call("pause", "POST", "/requests", 2.0, b'"Pause"')
+        with ManagerDouble(says(200, {})) as double:
+            options = polyptych.ConnectOptions(double.address, bearer="b" * 64, keys=None)
+            transport, now = Transport(options), 0.0
+            self.addCleanup(transport.close, "the test ends")
+            transport.clock = lambda: now
+            for now, connections in ((1.0, 1), (25.9, 1), (50.8, 1), (76.0, 2)):
+                transport.exchange(call)
+                self.assertEqual(double.connections, connections)
 
     def test_a_manager_that_does_not_come_back_is_said_with_nothing_sent(self) -> None:
         with ManagerDouble(hangs_up) as double:

@@ -32,6 +32,7 @@ const ONE_PLANE_SHARE: f64 = 1e-6;
 
 /// A camera's picture on a part of the wall.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct View {
     /// The pose of display space in the world.
     pub camera: Camera,
@@ -44,7 +45,7 @@ pub struct View {
     pub root: Option<u64>,
     /// The names of the layers that are shown, whether the scene shows or hides them; those that
     /// the scene shows if `None`. What is in no layer is always shown.
-    #[serde(deserialize_with = "text_of_peer")]
+    #[serde(default, deserialize_with = "text_of_peer")]
     pub layers: Option<Vec<String>>,
 }
 

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::future::poll_fn;
 use std::pin::Pin;
+use std::str::FromStr;
 use std::time::Duration;
 
 use hyper::StatusCode;
@@ -114,10 +115,22 @@ impl Query {
     /// A number, if it is given.
     ///
     /// # Errors
+    /// It is no number.
+    pub fn number(&self, name: &str) -> Result<Option<f64>, Refusal> {
+        self.parsed(name, "a number")
+    }
+
+    /// A whole number, if it is given.
+    ///
+    /// # Errors
     /// It is no number of this type.
-    pub fn number<T: std::str::FromStr>(&self, name: &str) -> Result<Option<T>, Refusal> {
+    pub fn whole_number<T: FromStr>(&self, name: &str) -> Result<Option<T>, Refusal> {
+        self.parsed(name, "a whole number")
+    }
+
+    fn parsed<T: FromStr>(&self, name: &str, kind: &str) -> Result<Option<T>, Refusal> {
         let Some(text) = self.get(name) else { return Ok(None) };
-        let wrong = || Refusal::malformed(format!("{name} is a number, not {text:?}"));
+        let wrong = || Refusal::malformed(format!("{name} is {kind}, not {text:?}"));
         text.parse().map(Some).map_err(|_| wrong())
     }
 }
@@ -158,6 +171,8 @@ pub(super) fn decoded(text: &str) -> Result<Cow<'_, str>, Refusal> {
 
 #[cfg(test)]
 mod tests {
+    use polyptych_protocol::request::Request;
+
     use super::*;
 
     #[test]
@@ -173,11 +188,49 @@ mod tests {
         }
     }
 
+    /// The request that lays a view over the wall, with more members of that view.
+    fn views_with(members: &str) -> String {
+        let camera = r#"{"position": [0, 0, 0], "rotation": [0, 0, 0, 1], "scale": 1}"#;
+        let view = format!(r#""camera": {camera}, "area": "Wall", "projection": "Wall""#);
+        format!(r#"{{"SetViews": [{{{view}{members}}}]}}"#)
+    }
+
+    #[test]
+    fn unknown_members_of_requests_are_refused() {
+        let views = views_with(r#", "layer": ["signs"]"#);
+        for (text, unknown) in [
+            (r#"{"SetRest": {"idle": 1800}}"#, "idle"),
+            (r#"{"SetRest": {"hours": {"from_min": 1, "until_min": 2, "to": 3}}}"#, "to"),
+            (r#"{"SetBounds": {"error_px": 1, "rate": 30}}"#, "rate"),
+            (r#"{"Edit": {"bas": 3, "edits": [], "is_temporary": false}}"#, "bas"),
+            (r#"{"OpenScene": {"path": "x.glb", "scen": "night"}}"#, "scen"),
+            (r#"{"ChangeClips": {"clp": "walk", "action": "Pause"}}"#, "clp"),
+            (r#"{"ChangeClips": {"action": {"Play": {"sped": 2}}}}"#, "sped"),
+            (r#"{"FindNodes": {"nam": "arm", "skip": 0, "count": 1}}"#, "nam"),
+            (r#"{"NearestPoint": {"point": [0, 0, 0], "with": 1}}"#, "with"),
+            (r#"{"SetHead": {"position": [0, 0, 0], "turn": null}}"#, "turn"),
+            (views.as_str(), "layer"),
+        ] {
+            let refused = parse::<Request>(text.as_bytes()).expect_err(text).reason;
+            assert!(refused.contains(&format!("unknown field `{unknown}`")), "{text}: {refused}");
+        }
+    }
+
+    #[test]
+    fn optional_members_of_requests_may_be_missing() {
+        let views = views_with("");
+        for text in [r#"{"ChangeClips": {"action": "Pause"}}"#, views.as_str()] {
+            parse::<Request>(text.as_bytes()).expect(text);
+        }
+    }
+
     #[test]
     fn unknown_parameters_are_named() {
-        let query = Query::parse("width=64&max_age_ms=", &["width", "max_age_ms"]).expect("known");
-        assert_eq!(query.number::<u32>("width").expect("a number"), Some(64));
-        assert!(query.number::<u32>("max_age_ms").is_err());
+        let text = "width=64&max_age_ms=1.5";
+        let query = Query::parse(text, &["width", "max_age_ms"]).expect("known");
+        assert_eq!(query.whole_number::<u32>("width").expect("a number"), Some(64));
+        let refused = query.whole_number::<u64>("max_age_ms").expect_err("no whole number");
+        assert_eq!(refused.reason, "max_age_ms is a whole number, not \"1.5\"");
         let refused = Query::parse("with=64", &["width"]).expect_err("not known");
         assert!(refused.reason.contains("\"with\"") && refused.reason.contains("width"));
     }

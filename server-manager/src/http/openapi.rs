@@ -27,7 +27,11 @@ pub(super) fn description() -> Value {
         "security": [{ "bearer": [] }, { "cookie": [] }],
         "components": {
             "schemas": {
-                "Error": schema_of(&json!({ "error": "what failed, and what would be right" })),
+                "Error": {
+                    "type": "object",
+                    "properties": { "error": { "type": "string" } },
+                    "required": ["error"],
+                },
                 "Request": { "oneOf": requests() },
             },
             "securitySchemes": {
@@ -92,6 +96,7 @@ fn parameters(route: &Route) -> Vec<Value> {
             "description": meaning,
             "schema": { "type": match *name {
                 "feedback" => "boolean",
+                "width" | "max_age_ms" => "integer",
                 "format" | "saved" => "string",
                 _ => "number",
             } },
@@ -119,8 +124,14 @@ fn requests() -> Vec<Value> {
     let schema = |request: &Request| {
         let value = json!(request);
         let mut schema = match &value {
-            Value::String(name) => json!({ "const": name }),
-            other => schema_of(other),
+            Value::Object(named) => {
+                let mut schema = schema_of_members(named);
+                // Without these, every object would fit the schemas of all requests.
+                schema["required"] = named.keys().cloned().collect();
+                schema["additionalProperties"] = json!(false);
+                schema
+            }
+            name => json!({ "const": name }),
         };
         schema["title"] = json!(format!("To {}", request.name()));
         schema["examples"] = json!([value]);
@@ -129,10 +140,12 @@ fn requests() -> Vec<Value> {
     request_examples::all().iter().map(schema).collect()
 }
 
-/// The schema of values like this one. What is `null` may be anything.
+/// The schema of values like this one. What is `null` may be anything, and so may a variant of an
+/// enum, since others have other forms.
 fn schema_of(value: &Value) -> Value {
     match value {
         Value::Null => json!({}),
+        _ if is_variant(value) => json!({}),
         Value::Bool(_) => json!({ "type": "boolean" }),
         Value::Number(number) if number.is_f64() => json!({ "type": "number" }),
         Value::Number(_) => json!({ "type": "integer" }),
@@ -141,12 +154,33 @@ fn schema_of(value: &Value) -> Value {
             let items = items.first().map_or_else(|| json!({}), schema_of);
             json!({ "type": "array", "items": items })
         }
-        Value::Object(members) => {
-            let of = |(name, value): (&String, &Value)| (name.clone(), schema_of(value));
-            let properties: Map<String, Value> = members.iter().map(of).collect();
-            json!({ "type": "object", "properties": properties })
-        }
+        Value::Object(members) => schema_of_members(members),
     }
+}
+
+/// The schema of objects with these members. Each may also be `null`, since an example doesn't show
+/// which of them are optional.
+fn schema_of_members(members: &Map<String, Value>) -> Value {
+    let of = |(name, value): (&String, &Value)| {
+        let mut schema = schema_of(value);
+        if let Some(kind) = schema.get("type").cloned() {
+            schema["type"] = json!([kind, "null"]);
+        }
+        (name.clone(), schema)
+    };
+    let properties: Map<String, Value> = members.iter().map(of).collect();
+    json!({ "type": "object", "properties": properties })
+}
+
+/// Returns whether a value is a variant of an enum, such as `"Wall"` or `{"Screen": {…}}`: its name
+/// begins with a capital, as no other member or text of an example does.
+fn is_variant(value: &Value) -> bool {
+    let name = match value {
+        Value::String(name) => Some(name),
+        Value::Object(members) if members.len() == 1 => members.keys().next(),
+        _ => None,
+    };
+    name.is_some_and(|name| name.starts_with(char::is_uppercase))
 }
 
 #[cfg(test)]
@@ -180,6 +214,65 @@ mod tests {
             let back: Request = serde_json::from_value(json!(request)).expect("a request");
             assert_eq!(back, request);
         }
+    }
+
+    /// Returns whether a value fits a schema, by the keywords that the description uses.
+    fn fits(schema: &Value, value: &Value) -> bool {
+        let is_of = |kind: &Value| match kind.as_str().expect("the name of a type") {
+            "null" => value.is_null(),
+            "boolean" => value.is_boolean(),
+            "number" => value.is_number(),
+            "integer" => value.is_i64() || value.is_u64(),
+            "string" => value.is_string(),
+            "array" => value.is_array(),
+            "object" => value.is_object(),
+            other => panic!("no type {other}"),
+        };
+        let is_typed = match &schema["type"] {
+            Value::Null => true,
+            Value::Array(kinds) => kinds.iter().any(is_of),
+            kind => is_of(kind),
+        };
+        let is_constant = schema.get("const").is_none_or(|constant| constant == value);
+        let mut required = schema["required"].as_array().into_iter().flatten();
+        let is_whole = required.all(|name| name.as_str().is_some_and(|of| value.get(of).is_some()));
+        let mut members = value.as_object().into_iter().flatten();
+        let has_fitting = members.all(|(name, member)| {
+            let of_member = schema["properties"].get(name);
+            of_member.map_or(schema["additionalProperties"] != false, |of| fits(of, member))
+        });
+        let mut items = value.as_array().into_iter().flatten();
+        let holds_fitting = items.all(|item| fits(&schema["items"], item));
+        is_typed && is_constant && is_whole && has_fitting && holds_fitting
+    }
+
+    #[test]
+    fn every_request_fits_its_own_schema_alone() {
+        let description = description();
+        let schemas = description["components"]["schemas"]["Request"]["oneOf"].as_array();
+        let schemas = schemas.expect("schemas");
+        let examples = request_examples::all();
+        let others = [
+            json!({ "SetFog": null }),
+            json!({ "SetEnvironment": "Sky" }),
+            json!({ "Run": "Free" }),
+            json!({ "ChangeClips": { "action": { "Seek": 2 } } }),
+            json!({ "Edit": { "base": null, "edits": [{ "Remove": 3 }], "is_temporary": true } }),
+            json!({ "RenderFrame": { "camera": null, "time_s": 2 } }),
+        ];
+        for request in examples.iter().map(|of| json!(of)).chain(others) {
+            serde_json::from_value::<Request>(request.clone()).expect("a request");
+            let fitting = schemas.iter().filter(|schema| fits(schema, &request)).count();
+            assert_eq!(fitting, 1, "{request}");
+        }
+    }
+
+    #[test]
+    fn parameters_have_the_types_that_routes_take() {
+        let wall = route::all().find(|of| of.path == "/wall.{format}").expect("a route");
+        let kinds: Vec<Value> =
+            parameters(wall).iter().map(|of| of["schema"]["type"].clone()).collect();
+        assert_eq!(kinds, ["string", "integer", "number", "integer"]);
     }
 
     #[test]

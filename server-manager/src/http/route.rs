@@ -244,8 +244,17 @@ pub(super) fn answer_of(answered: Answered) -> Response<Body> {
         _ => None,
     };
     let value = value.unwrap_or_else(|| json!({ "done": true }));
-    let mut answer = answer::json(StatusCode::OK, &value);
-    for warning in answered.warnings {
+    with_warnings(answer::json(StatusCode::OK, &value), answered.warnings)
+}
+
+/// An answer with the manager's warnings in its headers. Several requests of one call may each
+/// bring the same warning; it is sent once.
+pub(super) fn with_warnings(
+    mut answer: Response<Body>,
+    mut warnings: Vec<String>,
+) -> Response<Body> {
+    warnings.dedup();
+    for warning in warnings {
         if let Ok(value) = HeaderValue::from_bytes(printable(&warning).as_bytes()) {
             answer.headers_mut().append(WARNING, value);
         }
@@ -291,6 +300,15 @@ mod tests {
         assert_eq!(found(Method::POST, "/api/v1/status"), Err(405));
         let refused = find(&Method::POST, "/api/v1/camera").err().expect("no such method");
         assert_eq!(refused.allow.as_deref(), Some("GET, PUT"));
+    }
+
+    #[test]
+    fn every_warning_has_a_header() {
+        let warnings = ["not kept", "not kept", "größe"].map(str::to_owned).to_vec();
+        let answer = with_warnings(answer::json(StatusCode::OK, &json!({})), warnings);
+        let sent = answer.headers().get_all(WARNING).iter().map(HeaderValue::as_bytes);
+        let sent: Vec<&[u8]> = sent.collect();
+        assert_eq!(sent, ["not kept".as_bytes(), "größe".as_bytes()]);
     }
 
     #[test]

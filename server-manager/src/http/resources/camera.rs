@@ -13,7 +13,7 @@ use serde_json::json;
 use crate::http::answer::{self, Body, Refusal};
 use crate::http::connection::Connection;
 use crate::http::request_examples;
-use crate::http::route::{Action, Call, Route};
+use crate::http::route::{self, Action, Call, Route};
 
 /// The routes of this resource.
 pub(in crate::http) const ROUTES: &[Route] = &[
@@ -200,5 +200,5 @@ pub(in crate::http) async fn show_view(
     let WallResponse::Frame(frame) = shown.response else {
         return Err(Refusal::unavailable("the manager sent another answer"));
     };
-    Ok(answer::json(StatusCode::OK, &frame))
+    Ok(route::with_warnings(answer::json(StatusCode::OK, &frame), shown.warnings))
 }

@@ -107,8 +107,8 @@ pub(in crate::http) async fn answer(
     let format = PictureFormat::from_ending(ending);
     let format = format.ok_or_else(|| Refusal::not_found("pictures are png, jpg or rgba"))?;
     let width = width(call)?;
-    let time_s: Option<f64> = call.query.number("time_s")?;
-    let age_ms: u64 = call.query.number("max_age_ms")?.unwrap_or(0).min(AGE_MS_MAX);
+    let time_s = call.query.number("time_s")?;
+    let age_ms: u64 = call.query.whole_number("max_age_ms")?.unwrap_or(0).min(AGE_MS_MAX);
     if age_ms > 0 {
         if time_s.is_some() {
             return Err(Refusal::malformed("a shared picture is of no time of one's own"));
@@ -145,7 +145,7 @@ pub(in crate::http) async fn answer(
 
 /// The width that is asked for, at least 1.
 pub(super) fn width(call: &Call) -> Result<u32, Refusal> {
-    match call.query.number("width")?.unwrap_or(u32::MAX) {
+    match call.query.whole_number("width")?.unwrap_or(u32::MAX) {
         0 => Err(Refusal::malformed("width is 1 or more")),
         width => Ok(width),
     }

@@ -13,7 +13,7 @@ use serde_json::json;
 use crate::http::answer::{self, Body, Refusal};
 use crate::http::connection::Connection;
 use crate::http::file_stream::FileStream;
-use crate::http::route::{Action, Call, Route};
+use crate::http::route::{self, Action, Call, Route};
 
 /// The heading from which a scene is seen that was opened, in degrees, as `polyptych open` has it.
 const HEADING_DEG: f64 = 30.0;
@@ -252,5 +252,6 @@ pub(in crate::http) async fn open(
     let frame = Request::RenderFrame { camera, time_s: None };
     let shown = connection.ask(&call.headers, frame).await?;
     let WallResponse::Frame(frame) = shown.response else { return Err(other()) };
-    Ok(answer::json(StatusCode::OK, &json!({ "scene": scene, "frame": frame })))
+    let answer = answer::json(StatusCode::OK, &json!({ "scene": scene, "frame": frame }));
+    Ok(route::with_warnings(answer, [opened.warnings, shown.warnings].concat()))
 }
