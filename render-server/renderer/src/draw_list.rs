@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::cull::FrustumPlanes;
 use super::error_tolerance::ErrorTolerance;
 use super::item_draws::{self, ItemDraws};
+use super::lamp_map::LampMap;
 use super::many_items;
 use super::pass::shadow::casts_shadows;
 use super::pipeline::InstanceRecord;
@@ -150,15 +151,19 @@ impl VisibleItems {
     }
 
     /// Removes the items that cast no shadow of a lamp with this reach, in world space: those that
-    /// are beyond it, and those that glow around it, such as its bulb or the glass of its lantern.
-    pub fn keep_casting(&mut self, scene: &GpuScene, (lamp, radius): (DVec3, f64)) {
-        let reach = radius * radius;
+    /// are beyond it, and those that glow around it and are small, such as its bulb or the glass of
+    /// its lantern. What has a place that glows and is larger, such as a room, casts shadows.
+    pub fn keep_casting(&mut self, scene: &GpuScene, map: &LampMap) {
+        let (lamp, radius) = map.reached();
+        let (reach, lantern) = (radius * radius, map.lantern_radius());
         self.items.retain(|&item| {
-            let distance = scene.item(item).2.distance_squared(lamp);
+            let around = scene.item(item).2;
+            let distance = around.distance_squared(lamp);
             let key = &scene.layout.keys[scene.batch_of(item).pipeline as usize];
             // Written so that a box that is not finite stays.
             let is_beyond = distance > reach;
-            let is_of_lamp = distance == 0.0 && key.material.glowing;
+            let is_small = around.half().length() <= lantern;
+            let is_of_lamp = distance == 0.0 && key.material.glowing && is_small;
             !is_beyond && !is_of_lamp
         });
     }
@@ -318,24 +323,29 @@ fn sort(scene: &GpuScene, view: &ViewDesc, items: &[u32], scratch: &mut Scratch)
     let part = scene.layout.tree.select(&view.subset);
     let own = (!part.has_all_places()).then(|| scene.batch_bounds_of(part));
     let is_grouped = scene.layout.batches.len() > NEAR_FIRST_BATCHES_MAX;
-    let mut batches: Vec<(u64, [u32; 2], f64, u32)> = (0u32..)
-        .zip(&scene.layout.batches)
-        .map(|(index, batch)| {
-            let bounds =
-                own.as_ref().map_or_else(|| scene.batch_bounds(index), |own| own[index as usize]);
-            let is_empty = bounds == Bounds::EMPTY;
-            let near = if is_empty { f64::INFINITY } else { view.sort_depth(&bounds, true) };
-            if is_grouped {
-                (rising(near) >> SHELL_BITS, [batch.pipeline, batch.material], near, index)
-            } else {
-                (0, [0; 2], near, index)
-            }
-        })
-        .collect();
+    // A map of shadows may show some items of a scene of 100,000 batches.
+    let (all, none) = (scene.layout.batches.len(), u32::MAX);
+    scratch.ranks.clear();
+    scratch.ranks.resize(all, none);
+    let mut batches: Vec<(u64, [u32; 2], f64, u32)> = Vec::new();
+    for &item in items {
+        let index = scene.item(item).0.batch;
+        if std::mem::replace(&mut scratch.ranks[index as usize], 0) != none {
+            continue;
+        }
+        let bounds =
+            own.as_ref().map_or_else(|| scene.batch_bounds(index), |own| own[index as usize]);
+        let is_empty = bounds == Bounds::EMPTY;
+        let near = if is_empty { f64::INFINITY } else { view.sort_depth(&bounds, true) };
+        let batch = &scene.layout.batches[index as usize];
+        batches.push(if is_grouped {
+            (rising(near) >> SHELL_BITS, [batch.pipeline, batch.material], near, index)
+        } else {
+            (0, [0; 2], near, index)
+        });
+    }
     let key = |of: &(u64, [u32; 2], f64, u32)| (of.0, of.1, rising(of.2), of.3);
     batches.sort_unstable_by_key(key);
-    scratch.ranks.clear();
-    scratch.ranks.resize(batches.len(), 0);
     for (rank, (.., batch)) in (0u32..).zip(batches) {
         scratch.ranks[batch as usize] = rank;
     }

@@ -16,7 +16,7 @@ use polyptych_wall::ShadowFilter;
 
 use super::error_tolerance::rounded_up;
 use super::scene::{Bounds, LocalLight};
-use super::shadow_cascades::LightBasis;
+use super::shadow_cascades::{LEVEL_TEXELS, LightBasis};
 use super::view::{AllowedError, ViewDesc};
 
 /// Texels along each side of the maps of a few lights: 90° of a face have 0.04° to 0.09° each.
@@ -43,9 +43,9 @@ pub(crate) const LAMP_RADIUS: f64 = 0.05;
 /// nearer to the light casts no shadow.
 const NEAR_FRACTION: f64 = 1.0 / 65_536.0;
 
-/// Texels by which levels of detail in a map may be beside their place. Twin in
-/// `include/lamp_shadow.wgsl`.
-const LEVEL_TEXELS: f64 = 0.25;
+/// Half of the diagonal of the largest lantern as a share of how far a light reaches in the scene:
+/// 1.25 m of 10 m.
+const LANTERN_FRACTION: f64 = 1.0 / 8.0;
 
 /// The least tangent of half a cone's angle: a map of no width has no texels.
 const TANGENT_MIN: f64 = 1e-3;
@@ -152,6 +152,11 @@ impl LampMap {
     /// A sphere around all that the light reaches, in world space.
     pub fn reached(&self) -> (DVec3, f64) {
         (self.position, self.reach)
+    }
+
+    /// Half of the diagonal of what may be a part of the lamp, in units of the world.
+    pub fn lantern_radius(&self) -> f64 {
+        self.near / NEAR_FRACTION * LANTERN_FRACTION
     }
 
     /// Length of a texel at a distance of 1 along the map's axis, in units of the world.

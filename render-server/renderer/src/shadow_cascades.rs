@@ -46,6 +46,10 @@ const DEPTH_MARGIN: f64 = 1e-5;
 /// none of its own.
 const DEPTH_MIN: f64 = 1e-3;
 
+/// Texels by which levels of detail in a map may be beside their place. Twin in
+/// `include/shadow.wgsl`.
+pub(crate) const LEVEL_TEXELS: f64 = 0.25;
+
 /// Half of the sun's apparent diameter as a tangent. Twin in `include/sun_shadow.wgsl`.
 pub(crate) const SUN_TANGENT: f64 = 0.004652;
 
@@ -89,16 +93,6 @@ impl LightBasis {
     }
 }
 
-/// The point from which levels of detail of what casts shadows are chosen: the middle of a cell
-/// around the viewer, so that a map is the same wherever in the cell the viewer was when it was
-/// drawn.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct CasterLevels {
-    pub eye: DVec3,
-    /// `eye_offset` holds the way from there to any place in the cell.
-    pub allowed_error: AllowedError,
-}
-
 /// A map: all that its depths depend on, but for the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cascade {
@@ -114,7 +108,6 @@ pub(crate) struct Cascade {
     pub radius: f64,
     /// A sphere around all points that are looked up here: without end of the widest.
     pub around: (DVec3, f64),
-    pub levels: CasterLevels,
 }
 
 impl Cascade {
@@ -138,7 +131,7 @@ impl Cascade {
         let mut maps = Vec::new();
         let mut radius = widest;
         while maps.is_empty() || (maps.len() < count_max && radius > nearest) {
-            maps.push(light.map(radius, maps.is_empty(), view));
+            maps.push(light.map(radius, maps.is_empty()));
             radius /= RATIO;
         }
         maps
@@ -159,9 +152,10 @@ impl Cascade {
         let LightBasis { right, up, toward } = self.basis;
         let across = self.half_side().recip();
         let side = f64::from(MAP_SIDE);
+        let eye_in_world = self.basis.to_world(self.origin);
         ViewDesc {
-            eye_in_world: self.basis.to_world(self.origin),
-            middle_eye_in_world: camera.middle_eye_in_world,
+            eye_in_world,
+            middle_eye_in_world: eye_in_world,
             view_from_world: DMat3::from_cols(right, up, toward).transpose(),
             clip_from_view: DMat4::from_cols(
                 DVec4::X * across,
@@ -178,7 +172,9 @@ impl Cascade {
             depth_of_field: None,
             tone: polyptych_scene::ToneMapper::default(),
             subset: camera.subset.clone(),
-            allowed_error: AllowedError::NONE,
+            // As the map shows levels of detail, whoever sees the shadow: another viewer, or
+            // another bound, needs no other map.
+            allowed_error: AllowedError { length: LEVEL_TEXELS * self.texel, ..AllowedError::NONE },
             has_shadows: false,
         }
     }
@@ -208,7 +204,7 @@ struct Light {
 }
 
 impl Light {
-    fn map(&self, radius: f64, is_widest: bool, view: &ViewDesc) -> Cascade {
+    fn map(&self, radius: f64, is_widest: bool) -> Cascade {
         let texel = 2.0 * radius / (f64::from(MAP_SIDE) - CELL_TEXELS - 2.0 * BORDER_TEXELS);
         let cell = texel * CELL_TEXELS;
         let on = |step: f64, at: DVec3| (at / step).round() * step;
@@ -224,29 +220,6 @@ impl Light {
             texel,
             radius: if is_widest { f64::INFINITY } else { radius },
             around: (eye, if is_widest { f64::INFINITY } else { radius + way }),
-            levels: CasterLevels::new(view, eye, way),
         }
-    }
-}
-
-impl CasterLevels {
-    fn new(view: &ViewDesc, eye: DVec3, way: f64) -> Self {
-        let AllowedError { angle_rad, length, eye_offset, pixel } = view.allowed_error;
-        if angle_rad <= 0.0 {
-            // Nothing depends on a distance.
-            let allowed_error = AllowedError { length, ..AllowedError::NONE };
-            return Self { eye: DVec3::ZERO, allowed_error };
-        }
-        // One number for both eyes; see `ErrorTolerance`.
-        let offset = view.eye_in_world.distance(view.middle_eye_in_world).max(eye_offset);
-        let eye_offset = rounded_up(offset) + way;
-        Self { eye, allowed_error: AllowedError { angle_rad, length, eye_offset, pixel } }
-    }
-
-    /// The view by which levels of detail of casters are chosen.
-    pub fn view(&self, camera: &ViewDesc) -> ViewDesc {
-        let (eye, allowed_error) = (self.eye, self.allowed_error);
-        let subset = camera.subset.clone();
-        ViewDesc { eye_in_world: eye, middle_eye_in_world: eye, allowed_error, subset, ..*camera }
     }
 }

@@ -25,14 +25,6 @@ impl ShadowMap {
         }
     }
 
-    /// The errors up to which coarser levels of detail are drawn.
-    fn tolerance(&self, camera: &ViewDesc) -> ErrorTolerance {
-        match self {
-            Self::Sun(cascade) => ErrorTolerance::new(&cascade.levels.view(camera)),
-            Self::Lamp(map) => ErrorTolerance::new(&map.view(camera)),
-        }
-    }
-
     /// A sphere around all places that the map is for, in world space.
     fn receivers(&self) -> (DVec3, f64) {
         match self {
@@ -49,12 +41,12 @@ impl ShadowMap {
         camera: &ViewDesc,
         (of, turns): (ShadowItems, &[DAffine3]),
     ) -> (VisibleItems, bool) {
-        let (tolerance, turns) = (self.tolerance(camera), turns.to_vec());
         let (light, receivers) = (self.view(camera), self.receivers());
+        let (tolerance, turns) = (ErrorTolerance::new(&light), turns.to_vec());
         let (mut casting, receives) =
             VisibleItems::casting(scene, (&light, of), (tolerance, turns), receivers);
         if let Self::Lamp(map) = self {
-            casting.keep_casting(scene, map.reached());
+            casting.keep_casting(scene, map);
         }
         (casting, receives)
     }

@@ -24,8 +24,6 @@ struct LampShadow {
 // 1 at the near plane, 0 where nothing is.
 @group(1) @binding(4) var lamp_maps: texture_depth_2d_array;
 
-// Texels by which a level of detail in a map may be beside its place; twin in `lamp_map.rs`.
-const LEVEL_TEXELS: f32 = 0.25;
 // The part of a distance that f32 rounds away.
 const DISTANCE_ROUNDING: f32 = 2e-6;
 // Of a lamp, in units of the world; twin in `lamp_map.rs`.

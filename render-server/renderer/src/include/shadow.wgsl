@@ -54,6 +54,8 @@ const BAND: f32 = 0.1;
 // Texels along the light's plane that a filter reaches from a point.
 const SOFT_REACH: f32 = 2.2;
 const HARD_REACH: f32 = 0.75;
+// Texels by which a level of detail in a map may be beside its place; twin in `shadow_cascades.rs`.
+const LEVEL_TEXELS: f32 = 0.25;
 // Towards the light, beyond what f32 rounds: texels are thousandths of the distance or more.
 const TOWARD_TEXELS: f32 = 0.1;
 // The same of depths from 0 to 1.

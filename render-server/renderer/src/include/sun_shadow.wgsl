@@ -24,7 +24,9 @@ fn sun_place(
     // penumbras are to be exact. Towards the light it keeps its texel.
     let off_surface = normal * (select(reach * sine, 0.0, CONTACT_HARDENING) + error);
     let slope = select(0.0, reach * sine / max(cosine, COSINE_MIN), CONTACT_HARDENING);
-    let closer = frame.suns[sun].toward * (TOWARD_TEXELS * cascade.texel + slope);
+    // What casts may be off by so much along the normal.
+    let level = LEVEL_TEXELS * cascade.texel / max(cosine, COSINE_MIN);
+    let closer = frame.suns[sun].toward * (TOWARD_TEXELS * cascade.texel + slope + level);
     let moved = position + off_surface + closer;
     let across = dot(shadows.suns[sun].right, moved) * cascade.scale;
     let up = dot(shadows.suns[sun].up, moved) * cascade.scale;
