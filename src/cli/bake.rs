@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use glam::DVec3;
 use indicatif::{ProgressBar, ProgressStyle};
-use polyptych_baker::environment::{EnvironmentSource, SUN_DEFAULT, bake_environment};
+use polyptych_baker::environment::{EnvironmentSource, bake_environment, default_sun};
 use polyptych_baker::map::{MapUse, bake_map};
 use polyptych_baker::{BakeCache, Baked, Progress, bake_scene};
 use polyptych_files::blob::StoreUrl;
@@ -249,7 +249,7 @@ fn run_map(
             return run_environment(arguments, source, store, url, cancel);
         }
         Use::Sky => {
-            let sun = arguments.sun.unwrap_or(SUN_DEFAULT);
+            let sun = arguments.sun.unwrap_or_else(default_sun);
             let source = EnvironmentSource::Sky { sun };
             return run_environment(arguments, source, store, url, cancel);
         }

@@ -94,6 +94,10 @@ pub const EXPOSURE_NOTE: &str = "lit in real units";
 /// camera goes, not what is drawn.
 pub const OVERVIEW_NOTE: &str = "the overview leaves out";
 
+/// The direction towards the sun that shines where a scene has no light of its own: from above, the
+/// right and behind a viewer who looks along -Z.
+pub const DEFAULT_SUN_TOWARD: Vec3 = Vec3::new(0.453, 0.754, 0.476);
+
 /// A whole scene: nodes, and the lists that they point into.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scene {

@@ -193,9 +193,8 @@ impl SceneEdits {
         loop {
             let before = unused.len();
             // What nobody sees keeps no textures, not even its own.
-            let is_shown = |material: u32| {
-                !unused.iter().any(|set| set.material_range().contains(&material))
-            };
+            let is_shown =
+                |material: u32| !unused.iter().any(|set| set.material_range().contains(&material));
             let shown = self.materials.iter().filter(|(material, _)| is_shown(**material));
             let textures = shown.flat_map(|(_, to)| to.value.textures()).map(|of| of.texture);
             let textures: BTreeSet<u32> = textures.collect();

@@ -350,8 +350,13 @@ impl Pipelines {
             depth_stencil: Some(wgpu::DepthStencilState {
                 format: DEPTH_FORMAT,
                 depth_write_enabled: Some(!blended),
-                // Depth is reversed; of equal depths the first drawn stays.
-                depth_compare: Some(wgpu::CompareFunction::Greater),
+                // Depth is reversed; of equal depths the first drawn stays. What is blended, such
+                // as a decal, may lie exactly on what is opaque.
+                depth_compare: Some(if blended {
+                    wgpu::CompareFunction::GreaterEqual
+                } else {
+                    wgpu::CompareFunction::Greater
+                }),
                 stencil: wgpu::StencilState::default(),
                 bias: wgpu::DepthBiasState::default(),
             }),

@@ -31,7 +31,7 @@ use super::error::BakeError;
 use super::{BakeCache, check, hex};
 use cube_map::CubeMap;
 use equirect::Equirect;
-pub use sky::{SUN_DEFAULT, SUN_HEIGHT_MIN};
+pub use sky::{SUN_HEIGHT_MIN, default_sun};
 
 /// The surroundings of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::{DAffine3, DVec3, Vec3};
 use polyptych_scene::limits::LIT_DRAWS_MAX;
-use polyptych_scene::{Light, LightKind, Material, NodeTraits, Scene};
+use polyptych_scene::{DEFAULT_SUN_TOWARD, Light, LightKind, Material, NodeTraits, Scene};
 use polyptych_wall::ShadowFilter;
 
 use super::SceneError;
@@ -16,10 +16,10 @@ use super::moved_items::MovedNode;
 use super::subset::{Selection, layer_bit};
 use crate::view::SUNS_MAX;
 
-/// Shines where a scene has no light of its own, and no baked light: from above, the right and the
-/// front, a little warm. Given as the direction towards it, and lux.
+/// Shines where a scene has no light of its own, and no baked light: a little warm. Given as the
+/// direction towards it, and lux.
 const DEFAULT_SUN: DirectionalLight = DirectionalLight {
-    toward: Vec3::new(0.453, 0.754, 0.476),
+    toward: DEFAULT_SUN_TOWARD,
     irradiance: Vec3::new(3.1, 2.95, 2.7),
     on: Condition::Always,
     casts_shadows: false,
@@ -165,10 +165,13 @@ impl Lights {
             let may_shine = lamp.intensity != Vec3::ZERO || traits.has_changing_light(index);
             lights.add(lamp, may_shine);
         }
+        // As bright in the picture, however bright the lights were that set the exposure.
+        let irradiance = DEFAULT_SUN.irradiance / desc.exposure.unwrap_or(1.0);
+        let sun = DirectionalLight { irradiance, ..DEFAULT_SUN };
         if !is_lit && layers == 0 {
-            lights.suns.push(DEFAULT_SUN);
+            lights.suns.push(sun);
         } else if !is_lit {
-            lights.add(LocalLight::of_sun(&DEFAULT_SUN, Condition::Without(layers)), false);
+            lights.add(LocalLight::of_sun(&sun, Condition::Without(layers)), false);
         }
         if let Some((grid, lists)) = LampGrid::new(&lights.lamps) {
             (lights.grid, lights.indices) = (Some(grid), lists);

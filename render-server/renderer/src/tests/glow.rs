@@ -1,7 +1,7 @@
 //! Glow: no light is lost, it falls as it is to, unlit colours stay, and no tile has a seam.
 
 use glam::{DAffine3, DVec3, Vec3};
-use polyptych_scene::{AlphaMode, Glow, Material, ToneMapper};
+use polyptych_scene::{AlphaMode, Glow, Material, MaterialExtensions, ToneMapper, Transmission};
 
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, gpu, look, matt, pixel,
@@ -20,6 +20,10 @@ fn glowing(light: f32) -> Material {
 
 /// Cards of a side in the plane z = 0, each at a place and of a material; dark all around.
 fn cards(of: &[([f64; 2], f32, Material)]) -> GpuScene {
+    fixture(of).build()
+}
+
+fn fixture(of: &[([f64; 2], f32, Material)]) -> SceneFixture {
     let mut stage = SceneFixture::new();
     (stage.desc.sky, stage.ground) = (Vec3::ZERO, Some(Vec3::ZERO));
     for ([x, y], side, material) in of {
@@ -27,7 +31,7 @@ fn cards(of: &[([f64; 2], f32, Material)]) -> GpuScene {
         let card = stage.mesh(&MeshFixture::rectangle(*side, *side), Some(material));
         stage.node(card, DAffine3::from_translation(DVec3::new(*x, *y, 0.0)));
     }
-    stage.build()
+    stage
 }
 
 /// From 10 away: 60 pixels are about 1.15.
@@ -81,6 +85,27 @@ fn unlit_colours_neither_glow_nor_are_shone_over() {
     };
     assert_eq!(middle(grey.clone()), alone(grey));
     assert!(middle(matt(0.0, 0.0, 0.0))[0] > alone(matt(0.0, 0.0, 0.0))[0] + 8);
+}
+
+#[test]
+fn what_is_behind_dark_glass_does_not_glow_over_it() {
+    let transmission = Some(Transmission { factor: 1.0, texture: None });
+    let extensions = MaterialExtensions { transmission, ..MaterialExtensions::default() };
+    let pane = Material { extensions: Some(Box::new(extensions)), ..matt(0.0, 0.0, 0.0) };
+    let lamp = || ([0.0, 0.0], 0.5, glowing(40.0));
+    let glow = view(Some(Glow { strength: 0.5, width_degrees: 5.0 }));
+    // Before the lamp, and as near to the viewer as to hide it all.
+    let near = |of: Material| {
+        let mut stage = fixture(&[lamp()]);
+        let of = stage.material(of);
+        let card = stage.mesh(&MeshFixture::rectangle(4.0, 4.0), Some(of));
+        stage.node(card, DAffine3::from_translation(DVec3::Z));
+        lights(&stage.build(), 1, &glow).iter().sum::<f64>()
+    };
+    let open: f64 = lights(&cards(&[lamp()]), 1, &glow).iter().sum();
+    let [dark, hidden] = [near(pane), near(matt(0.0, 0.0, 0.0))];
+    println!("{open} of light, {dark} behind dark glass, {hidden} behind a card");
+    assert!((dark - hidden).abs() < open * 1e-3, "{dark} behind glass, {hidden} behind a card");
 }
 
 #[test]

@@ -7,12 +7,15 @@
 use std::f64::consts::PI;
 
 use glam::{DMat3, DVec3, Vec3};
+use polyptych_scene::DEFAULT_SUN_TOWARD;
 
 use super::equirect::Equirect;
 
-/// The direction of the sun where no light of the scene gives one: 45° high, in front to the left
-/// of a viewer who looks along −Z.
-pub const SUN_DEFAULT: DVec3 = DVec3::new(-0.5, std::f64::consts::FRAC_1_SQRT_2, -0.5);
+/// The direction of the sun where no light of the scene gives one: that of the sun which shines in
+/// scenes without lights, 49° high.
+pub fn default_sun() -> DVec3 {
+    DEFAULT_SUN_TOWARD.as_dvec3()
+}
 
 /// Minimum height of the sun, as the sine of 3°: the model has no dusk.
 pub const SUN_HEIGHT_MIN: f64 = 0.052_335_956_242_943_83;
@@ -40,7 +43,7 @@ const STEPS_DOWN: u32 = 4;
 
 /// The sun's direction with a length of 1, raised above the horizon where it is not.
 pub(super) fn raised(sun: DVec3) -> DVec3 {
-    let sun = sun.normalize_or(SUN_DEFAULT);
+    let sun = sun.normalize_or(default_sun());
     if sun.y >= SUN_HEIGHT_MIN {
         return sun;
     }
@@ -170,7 +173,7 @@ mod tests {
 
     #[test]
     fn a_sky_is_blue_brightest_at_the_sun_and_lit_as_the_default_one() {
-        let sun = raised(SUN_DEFAULT);
+        let sun = raised(DVec3::new(-0.5, std::f64::consts::FRAC_1_SQRT_2, -0.5));
         let sky = Sky::new(sun);
         let zenith = sky.radiance(DVec3::Y);
         // Preetham's zenith, which its own formula gives: 7.32 kcd/m² at 45° and a turbidity of 3.
