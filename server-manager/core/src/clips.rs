@@ -2,7 +2,8 @@
 //!
 //! A clip has two clocks, which differ in where they began: frames whose time a client gives have
 //! the clip at that time, others go on from the first frame after the scene was opened. What a
-//! client asks begins both anew from what the last frame showed.
+//! client asks begins both anew from what the last frame showed. After a pause the wall's own clock
+//! goes on from its last frame.
 
 use polyptych_protocol::clip::{ClipAction, ClipChange, ClipStatus, ClipSummary};
 use polyptych_scene::ClipTime;
@@ -29,13 +30,41 @@ pub struct PlayedClip {
     at_s: f64,
 }
 
-/// A moment of a clock.
+/// A moment of the clock of a clip or tour.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-struct Beginning {
+pub struct Beginning {
     /// Scene time in seconds; `None` before a frame has come.
-    scene_s: Option<f64>,
-    /// The clip's time then.
-    at_s: f64,
+    pub(super) scene_s: Option<f64>,
+    /// The time of the clip or tour then, in seconds.
+    pub(super) at_s: f64,
+}
+
+impl Beginning {
+    /// Returns the time of the clip or tour in a frame at this scene time; it goes on by `speed`
+    /// seconds in a second.
+    fn at(&self, time_s: f64, speed: f64) -> f64 {
+        // Finite times that are far apart can have an infinite difference, of which no part is 0.
+        let passed_s = match self.scene_s {
+            Some(scene_s) if speed != 0.0 => (time_s - scene_s) * speed,
+            _ => 0.0,
+        };
+        (self.at_s + passed_s).clamp(-f64::MAX, f64::MAX)
+    }
+
+    /// Returns the time in a frame, with which the clock begins if it has not yet.
+    pub(super) fn advance(&mut self, time_s: f64, speed: f64) -> f64 {
+        self.scene_s.get_or_insert(time_s);
+        self.at(time_s, speed)
+    }
+
+    /// Returns the clock that goes on with its next frame from what it showed at this scene time.
+    pub(super) fn held(&self, time_s: f64, speed: f64) -> Self {
+        Self { scene_s: None, at_s: self.at(time_s, speed) }
+    }
+
+    pub(super) fn is_finite(&self) -> bool {
+        self.at_s.is_finite() && self.scene_s.is_none_or(f64::is_finite)
+    }
 }
 
 impl PlayedClip {
@@ -53,14 +82,16 @@ impl PlayedClip {
         Self { status, own, given: Beginning { scene_s: Some(0.0), at_s: 0.0 }, at_s: 0.0 }
     }
 
+    /// Seconds of it in a second of scene time, 0 while it is held.
+    fn speed(&self) -> f64 {
+        if self.status.is_running { self.status.speed } else { 0.0 }
+    }
+
     /// Goes on to a frame at this scene time.
     fn advance(&mut self, is_given: bool, time_s: f64) {
+        let speed = self.speed();
         let clock = if is_given { &mut self.given } else { &mut self.own };
-        let scene_s = *clock.scene_s.get_or_insert(time_s);
-        let speed = if self.status.is_running { self.status.speed } else { 0.0 };
-        // Finite times that are far apart can have an infinite difference, of which no part is 0.
-        let passed_s = if speed == 0.0 { 0.0 } else { (time_s - scene_s) * speed };
-        self.at_s = (clock.at_s + passed_s).clamp(-f64::MAX, f64::MAX);
+        self.at_s = clock.advance(time_s, speed);
         self.status.time_s = self.wrapped();
     }
 
@@ -84,12 +115,24 @@ impl PlayedClip {
         self.status.time_s = self.wrapped();
     }
 
+    /// The time from which it plays on, as its status has it: one that is over begins again.
+    fn next_start_s(&self) -> f64 {
+        let ClipStatus { clip, is_looping, time_s, speed, .. } = &self.status;
+        if !is_looping && *speed > 0.0 && *time_s >= clip.duration_s {
+            0.0
+        } else if !is_looping && *speed < 0.0 && *time_s <= 0.0 {
+            clip.duration_s
+        } else {
+            *time_s
+        }
+    }
+
     fn is_finite(&self) -> bool {
-        let of =
-            |clock: &Beginning| clock.at_s.is_finite() && clock.scene_s.is_none_or(f64::is_finite);
         let ClipStatus { clip, speed, weight, time_s, .. } = &self.status;
         let numbers = [clip.duration_s, *speed, f64::from(*weight), *time_s, self.at_s];
-        numbers.iter().all(|number| number.is_finite()) && of(&self.own) && of(&self.given)
+        numbers.iter().all(|number| number.is_finite())
+            && self.own.is_finite()
+            && self.given.is_finite()
     }
 }
 
@@ -197,7 +240,7 @@ impl PlayedClips {
                     of.status.weight = weight.unwrap_or(if named { 1.0 } else { was });
                     of.status.is_looping = is_looping.unwrap_or(of.status.is_looping);
                     of.status.is_running = true;
-                    of.begin_at(now_s, given_s);
+                    of.begin_at(of.next_start_s(), given_s);
                 }
             }
         }
@@ -247,12 +290,12 @@ impl Cluster {
         }
     }
 
-    /// The clips as another life of the manager goes on with them.
+    /// The clips as a wall goes on with them after a pause, or another life of the manager, whose
+    /// scene time begins anew.
     pub(super) fn remembered_clips(&self) -> PlayedClips {
         let mut clips = self.clips.clone();
         for of in &mut clips.clips {
-            // Scene time begins anew.
-            of.own = Beginning { scene_s: None, at_s: of.at_s };
+            of.own = of.own.held(self.pacer.own_s, of.speed());
         }
         clips
     }

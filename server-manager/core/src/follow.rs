@@ -206,19 +206,28 @@ impl Cluster {
         let is_timed = self.is_timed(order);
         let is_given = order.is_some_and(|order| order.time_s.is_some());
         let camera = self.presentation.camera;
-        if let Some(Following { node, .. }) = &mut self.following {
-            if is_timed {
-                node.clock.begin(is_given, time_s);
-            }
-            let followed_s = node.clock.time_at(time_s);
-            self.presentation.camera = node.camera_at(&world, followed_s, camera);
+        let Some(Following { node, .. }) = &mut self.following else { return };
+        let is_first = is_timed && node.clock.advance(is_given, time_s);
+        let followed_s = node.clock.at_s();
+        self.presentation.camera = node.camera_at(&world, followed_s, camera);
+        if is_first {
+            self.persist();
         }
     }
 
-    /// The followed node as another life of the manager goes on with it.
+    /// Lets the camera go on around the followed node after a pause.
+    pub(super) fn resume_following(&mut self) {
+        let own_s = self.pacer.own_s;
+        if let Some(Following { node, .. }) = &mut self.following {
+            node.clock = node.clock.remembered(own_s);
+        }
+    }
+
+    /// The followed node as another life of the manager goes on with it, whose scene time begins
+    /// anew.
     pub(super) fn remembered_following(&self) -> Option<FollowedNode> {
         let mut node = self.following.as_ref()?.node.clone();
-        node.clock = node.clock.remembered(self.time_s);
+        node.clock = node.clock.remembered(self.pacer.own_s);
         Some(node)
     }
 

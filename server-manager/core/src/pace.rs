@@ -14,6 +14,9 @@ pub(super) const BEAT_WAIT_MAX: Micros = 1_000_000;
 pub(super) struct Pacer {
     pace: Option<Pacing>,
     next: Micros,
+    /// Scene time in seconds of the last frame on the wall's own clock, for which no client gave a
+    /// time.
+    pub own_s: f64,
 }
 
 impl Pacer {
@@ -70,9 +73,15 @@ impl Pacer {
 }
 
 impl Cluster {
-    /// Lets the wall draw by itself, or not.
+    /// Lets the wall draw by itself, or not. A pause moves nothing: tours and clips go on from the
+    /// last frame on the wall's own clock, which a client may have asked for meanwhile.
     pub(super) fn set_pace(&mut self, pace: Option<Pacing>, now: Micros) {
         self.is_going_on = false;
+        if self.pacer.pace().is_none() && pace.is_some() {
+            self.tour = self.remembered_tour();
+            self.clips = self.remembered_clips();
+            self.resume_following();
+        }
         self.pacer.set(pace, now);
         // The frame that a tuning waits for would have come by itself.
         let drawing = self.pipeline.newest().map(|barrier| barrier.revision);

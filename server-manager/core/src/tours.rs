@@ -4,9 +4,10 @@
 //! played --a frame is asked for or paced--> moves --own clock beyond the end--> over
 //! ```
 //!
-//! Scene time begins anew with every life of the manager, unless clients give it with each frame.
-//! A tour on the wall's own clock therefore goes on where it was; one on a client's clock keeps the
-//! time at which it began.
+//! As a clip, a tour has two clocks: frames whose time a client gives have the tour at that time,
+//! others go on by the wall's own clock. Scene time begins anew with every life of the manager,
+//! unless clients give it. The wall's own clock therefore goes on where it was, after a pause too;
+//! that of clients keeps the time at which it began.
 
 use polyptych_protocol::request::{Request, Response};
 use polyptych_protocol::tour_status::TourStatus;
@@ -14,6 +15,7 @@ use polyptych_wall::camera::Camera;
 use polyptych_wall::tour::Tour;
 use serde::{Deserialize, Serialize};
 
+use super::clips::Beginning;
 use super::frame_request::FrameRequest;
 use super::navigate::REMEMBER_WAIT;
 use super::presentation::checked_camera;
@@ -33,80 +35,87 @@ pub struct PlayedTour {
 /// The relation of the time of a tour, or of a followed node, to scene time; all in seconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum TourClock {
-    /// No frame of it was begun in this life of the manager.
+    /// No frame of it was begun.
     Waiting {
-        /// The tour's time at its next frame.
+        /// The tour's time at its next frame on the wall's own clock.
         at_s: f64,
     },
-    /// It was begun by a frame on the wall's own clock.
-    Own {
-        /// Scene time of its first frame in this life of the manager.
-        scene_s: f64,
-        /// The tour's time at that frame.
+    /// A frame of it was begun.
+    Begun {
+        /// Its beginning on the wall's own clock; `None` before a frame on that.
+        own: Option<Beginning>,
+        /// Scene time at which it began on the clock of clients; `None` before one gave a time.
+        given_s: Option<f64>,
+        /// The tour's time in the last frame.
         at_s: f64,
-    },
-    /// It was begun by a frame whose time a client gave.
-    Given {
-        /// Scene time at which it began.
-        began_s: f64,
     },
 }
 
 impl TourClock {
-    /// The tour's time in a frame at this scene time; `None` before its first frame.
-    fn tour_time_s(&self, time_s: f64) -> Option<f64> {
-        let time_s = match self {
-            Self::Waiting { .. } => return None,
-            Self::Own { scene_s, at_s } => at_s + (time_s - scene_s),
-            Self::Given { began_s } => time_s - began_s,
-        };
-        // Finite times that are far apart can have an infinite difference.
-        Some(time_s.clamp(-f64::MAX, f64::MAX))
+    /// Returns the tour's time in the last frame; before its first frame, that with which it
+    /// begins.
+    pub(super) fn at_s(&self) -> f64 {
+        let (Self::Waiting { at_s } | Self::Begun { at_s, .. }) = self;
+        *at_s
     }
 
-    /// Begins with a frame at this scene time, which a client gave or not, if it has not yet.
-    pub(super) fn begin(&mut self, is_given: bool, time_s: f64) {
-        let Self::Waiting { at_s } = *self else { return };
-        *self = if is_given {
-            Self::Given { began_s: time_s - at_s }
-        } else {
-            Self::Own { scene_s: time_s, at_s }
-        };
-    }
-
-    /// The time in a frame at this scene time, that with which it will begin before.
-    pub(super) fn time_at(&self, time_s: f64) -> f64 {
-        match self {
-            Self::Waiting { at_s } => *at_s,
-            _ => self.tour_time_s(time_s).unwrap_or_default(),
+    fn beginnings(&self) -> (Option<Beginning>, Option<f64>) {
+        match *self {
+            Self::Waiting { .. } => (None, None),
+            Self::Begun { own, given_s, .. } => (own, given_s),
         }
     }
 
-    /// The clock with which another life of the manager goes on, whose scene time begins anew.
-    pub(super) fn remembered(self, time_s: f64) -> Self {
+    /// Goes on to a frame at this scene time, which a client gave or not. Returns whether the clock
+    /// of clients began with it. That is to be persisted at once: a film that goes on after a
+    /// restart of the manager has the same cameras then.
+    ///
+    /// The clock of clients agrees with the wall's own if that goes on, so that a film can begin
+    /// where the tour did; else the tour begins with the frame.
+    pub(super) fn advance(&mut self, is_given: bool, time_s: f64) -> bool {
+        let (mut own, given_s) = self.beginnings();
+        if is_given {
+            let began_s = given_s.or(own.and_then(own_began_s)).unwrap_or(time_s);
+            // Finite times that are far apart can have an infinite difference.
+            let at_s = (time_s - began_s).clamp(-f64::MAX, f64::MAX);
+            *self = Self::Begun { own, given_s: Some(began_s), at_s };
+            return given_s.is_none();
+        }
+        let clock = own.get_or_insert(Beginning { scene_s: None, at_s: self.at_s() });
+        let at_s = clock.advance(time_s, 1.0);
+        *self = Self::Begun { own, given_s, at_s };
+        false
+    }
+
+    /// Returns the clock with which the wall goes on after a pause, or another life of the manager,
+    /// whose scene time begins anew. `own_s` is scene time of the last frame on the wall's own
+    /// clock.
+    pub(super) fn remembered(self, own_s: f64) -> Self {
         match self {
-            Self::Own { at_s, .. } => {
-                Self::Waiting { at_s: self.tour_time_s(time_s).unwrap_or(at_s) }
+            Self::Waiting { .. } => self,
+            Self::Begun { own, given_s, at_s } => {
+                Self::Begun { own: own.map(|own| own.held(own_s, 1.0)), given_s, at_s }
             }
-            other => other,
         }
     }
 
     fn began_s(&self) -> Option<f64> {
-        match self {
-            Self::Waiting { .. } => None,
-            Self::Own { scene_s, at_s } => Some(scene_s - at_s),
-            Self::Given { began_s } => Some(*began_s),
-        }
+        let (own, given_s) = self.beginnings();
+        given_s.or(own.and_then(own_began_s))
     }
 
     pub(super) fn is_finite(&self) -> bool {
-        match self {
-            Self::Waiting { at_s } => at_s.is_finite(),
-            Self::Own { scene_s, at_s } => scene_s.is_finite() && at_s.is_finite(),
-            Self::Given { began_s } => began_s.is_finite(),
-        }
+        let (own, given_s) = self.beginnings();
+        self.at_s().is_finite()
+            && own.is_none_or(|own| own.is_finite())
+            && given_s.is_none_or(f64::is_finite)
     }
+}
+
+/// Returns scene time at which the tour began on the wall's own clock; `None` if that has had no
+/// frame since a pause, or in this life of the manager.
+fn own_began_s(own: Beginning) -> Option<f64> {
+    own.scene_s.map(|scene_s| (scene_s - own.at_s).clamp(-f64::MAX, f64::MAX))
 }
 
 impl PlayedTour {
@@ -149,20 +158,23 @@ impl Cluster {
     }
 
     /// Moves the camera to where the tour has it in the frame that begins. A frame that nobody has
-    /// asked for is no beginning: it shows what the last one did.
+    /// asked for, or a preview, shows what the last one did: it neither begins nor ends a tour.
     pub(super) fn follow_tour(&mut self, order: Option<&FrameRequest>, time_s: f64, now: Micros) {
-        let is_timed = self.is_timed(order);
+        if !self.is_timed(order) {
+            return;
+        }
         let is_given = order.is_some_and(|order| order.time_s.is_some());
         let Some(PlayedTour { tour, from, clock }) = &mut self.tour else { return };
-        if is_timed {
-            clock.begin(is_given, time_s);
-        }
-        let Some(tour_s) = clock.tour_time_s(time_s) else { return };
+        let is_first = clock.advance(is_given, time_s);
+        let tour_s = clock.at_s();
         self.presentation.camera = tour.camera_at(from, self.wall.eye, tour_s);
         // A client that gives times may go back to one that was.
         if !is_given && tour.is_over(tour_s) {
             self.tour = None;
             self.navigator.remember_at.get_or_insert(now + REMEMBER_WAIT);
+        }
+        if is_first {
+            self.persist();
         }
     }
 
@@ -177,10 +189,10 @@ impl Cluster {
         }
     }
 
-    /// The tour as another life of the manager goes on with it.
+    /// The tour as the wall goes on with it after a pause, or another life of the manager.
     pub(super) fn remembered_tour(&self) -> Option<PlayedTour> {
         let mut played = self.tour.clone()?;
-        played.clock = played.clock.remembered(self.time_s);
+        played.clock = played.clock.remembered(self.pacer.own_s);
         Some(played)
     }
 

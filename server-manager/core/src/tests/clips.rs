@@ -74,6 +74,12 @@ fn on_the_walls_own_clock_a_clip_begins_with_the_scene() {
     // A film in between has its own times, and leaves the wall's alone.
     assert_eq!(frame_at(&mut stage, 8_600_000, Some(0.25)), [(0, 0.25, 1.0)]);
     assert_eq!(frame_at(&mut stage, 9_500_000, None), [(0, 0.5, 1.0)]);
+    // A pause holds it, whatever a film in the pause shows.
+    assert_eq!(frame_at(&mut stage, 9_600_000, Some(0.25)), [(0, 0.25, 1.0)]);
+    stage.now = 60_000_000;
+    stage.frames.clear();
+    stage.request(Request::Run(Pacing::Rate(1.0)));
+    assert_eq!(stage.frames[0].1.clips[0].time_s, 0.5);
 }
 
 #[test]
@@ -98,6 +104,14 @@ fn clips_are_played_held_and_put_to_a_time() {
     assert_eq!(change(&mut stage, Some("2"), beside), None);
     frame_at(&mut stage, 9_000_000, None);
     assert_eq!(frame_at(&mut stage, 15_500_000, None), [(1, 2.5, 1.0), (2, 1.0, 0.25)]);
+    // Played once, one that is over begins again, backwards from its end.
+    for (speed, now) in [(1.0, 16_000_000), (-1.0, 19_000_000), (-1.0, 22_000_000)] {
+        let once = ClipAction::Play { speed: Some(speed), weight: None, is_looping: Some(false) };
+        assert_eq!(change(&mut stage, Some("2"), once), None);
+        let [start_s, end_s] = if speed > 0.0 { [0.0, 1.0] } else { [1.0, 0.0] };
+        assert_eq!(frame_at(&mut stage, now, None), [(2, start_s, 1.0)]);
+        assert_eq!(frame_at(&mut stage, now + 2_000_000, None), [(2, end_s, 1.0)]);
+    }
 }
 
 #[test]

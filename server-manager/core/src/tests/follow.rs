@@ -166,6 +166,13 @@ fn it_turns_with_the_node_or_not_and_goes_around_it_in_scene_time() {
     near(stage.frame_at(4_000_000), DVec3::new(5.0, 0.0, 2.0));
     near(stage.frame_at(5_000_000), DVec3::new(7.0, 0.0, 0.0));
     near(stage.frame_at(6_000_000), DVec3::new(5.0, 0.0, -2.0));
+    // After a pause it goes on where it was.
+    stage.now = 31_000_000;
+    stage.request(Request::Run(Pacing::Rate(1.0)));
+    let (_, frame) = stage.frames.last().expect("a frame");
+    near(frame.presentation.camera, DVec3::new(5.0, 0.0, -2.0));
+    stage.draw(&[0], 0);
+    stage.request(Request::Pause);
     // Another life goes on where it was.
     stage.request(Request::Status);
     let memory = stage.cluster.persistent_state();

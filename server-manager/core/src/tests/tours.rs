@@ -87,9 +87,48 @@ fn a_client_that_gives_times_sees_the_same_cameras_again() {
     let now = stage.now;
     frame_at(&mut stage, now, Some(3.3));
     assert_eq!(film(&mut restarted(&stage)), first);
-    // The wall's own clock is beyond the end.
-    frame_at(&mut stage, 20_000_000, None);
+    // The wall's own clock goes on from there, to beyond the end.
+    assert_eq!(frame_at(&mut stage, 20_000_000, None).1, first[2]);
+    frame_at(&mut stage, 27_000_000, None);
     assert!(!is_played(&stage));
+}
+
+#[test]
+fn a_film_of_a_tour_that_the_wall_has_begun_is_the_same_after_a_restart() {
+    let mut stage = ClusterFixture::new(2);
+    let from = stage.cluster.presentation.camera;
+    stage.request(Request::PlayTour(tour()));
+    frame_at(&mut stage, 5_000_000, None);
+    frame_at(&mut stage, 6_500_000, None);
+    let times = [5.0, 8.5, 9.0, 0.0];
+    let film =
+        |stage: &mut ClusterFixture| times.map(|time_s| frame_at(stage, stage.now, Some(time_s)).1);
+    let first = film(&mut stage);
+    assert_eq!((first[0], first[2], first[3]), (from, place(4.0), from));
+    let held = tour().camera_at(&from, DVec3::ZERO, 1.5);
+    // Its beginning is remembered with its first frame, and is the same with its last.
+    for _ in 0..2 {
+        let mut next = restarted(&stage);
+        assert_eq!(film(&mut next), first);
+        assert_eq!(frame_at(&mut next, 9_000_000, None).1, held, "the wall's own clock is kept");
+        stage.request(Request::Status);
+    }
+}
+
+#[test]
+fn a_loop_on_the_clock_of_a_client_goes_on_by_itself_where_it_was() {
+    let mut stage = ClusterFixture::new(2);
+    let from = stage.cluster.presentation.camera;
+    let looped = Tour { is_loop: true, ..tour() };
+    stage.request(Request::PlayTour(looped.clone()));
+    // Times since 1970.
+    for time_s in [1.75e9, 1.75e9 + 2.5] {
+        frame_at(&mut stage, 5_000_000, Some(time_s));
+    }
+    for (now, tour_s) in [(6_000_000, 2.5), (8_000_000, 4.5)] {
+        let camera = looped.camera_at(&from, DVec3::ZERO, tour_s);
+        assert_eq!(frame_at(&mut stage, now, None).1, camera, "at {tour_s} s");
+    }
 }
 
 #[test]
@@ -102,6 +141,9 @@ fn a_tour_on_the_walls_own_clock_goes_on_where_it_was_after_a_restart() {
     stage.request(Request::Status);
     let mut next = restarted(&stage);
     assert_eq!(next.cluster.presentation.camera, stage.cluster.presentation.camera);
+    // A film begins with the tour, and leaves the wall's own clock alone.
+    let film = [0.0, 4.0].map(|time_s| frame_at(&mut next, 2_000_000, Some(time_s)).1);
+    assert_eq!(film[1], place(4.0));
     let (now, then) = (3_000_000, 10_500_000);
     for step in [0, 500_000, 1_500_000, 4_000_000, 7_500_000] {
         let camera = frame_at(&mut next, now + step, None).1;
@@ -123,6 +165,27 @@ fn a_paused_wall_does_not_move_and_a_server_that_joins_begins_no_tour() {
     assert!(stage.frames.iter().all(|(_, frame)| frame.presentation.camera == from));
     assert_eq!(stage.cluster.tour_status().began_s, None);
     assert_eq!(frame_at(&mut stage, 20_000_000, None), (20.0, from));
+}
+
+#[test]
+fn a_pause_holds_a_tour_on_the_walls_own_clock() {
+    let mut stage = ClusterFixture::new(2);
+    let from = stage.cluster.presentation.camera;
+    stage.request(Request::PlayTour(tour()));
+    frame_at(&mut stage, 5_000_000, None);
+    frame_at(&mut stage, 6_500_000, None);
+    // A film in the pause has its own times.
+    frame_at(&mut stage, 7_000_000, Some(9.0));
+    stage.now = 60_000_000;
+    stage.frames.clear();
+    stage.request(Request::Run(Pacing::Rate(1.0)));
+    stage.draw(&[0, 1], 0);
+    stage.wait(1_000_000);
+    let [(_, first), _, (_, second), _] = &stage.frames[..] else { panic!("two frames each") };
+    for (frame, tour_s) in [(first, 1.5), (second, 2.5)] {
+        let camera = tour().camera_at(&from, DVec3::ZERO, tour_s);
+        assert_eq!(frame.presentation.camera, camera, "at {tour_s} s");
+    }
 }
 
 #[test]
