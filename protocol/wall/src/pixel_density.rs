@@ -22,8 +22,20 @@ const BETWEEN_FACTOR: f64 = 1.02;
 /// minute, smaller than any wall's, so that no error is drawn that is too large.
 const UNKNOWN_PER_RAD: f64 = 20_000.0;
 
+/// The same of plans: along a pixel of a screen's canvas there are no more pixels of a channel.
+const UNKNOWN_PER_CANVAS_PIXEL: f64 = 4.0;
+
 /// Half of the pixel over which a difference is taken.
 const HALF_PX: f64 = 0.5;
+
+/// A camera's own picture on a channel's screen.
+struct Picture {
+    /// In pixels of the canvas.
+    size: DVec2,
+    size_m: DVec2,
+    /// The maximum number of the channel's pixels along a metre; `None` if only a file knows.
+    pixels_per_m: Option<f64>,
+}
 
 impl Wall {
     /// Returns the maximum number of pixels for each unit of a view: per radian around its eye,
@@ -36,36 +48,44 @@ impl Wall {
                 whole().map(|channel| self.density_of(channel, &eyes)).fold(0.0, f64::max)
             }
             ViewProjection::Perspective { fov_y_rad } => {
-                let pixels = whole().filter_map(|channel| self.pixels_across(channel, &view.area));
-                let density = |[width, height]: [f64; 2]| {
+                let pictures = whole().filter_map(|channel| self.picture_of(channel, &view.area));
+                let density = |Picture { size_m, pixels_per_m, .. }: Picture| {
+                    let Some(pixels_per_m) = pixels_per_m else { return UNKNOWN_PER_RAD };
                     // Pixels of a plane at the distance 1, towards its corner: the farthest is seen
                     // at the distance 1 / cos, and slanted by as much again.
                     let top = (fov_y_rad * 0.5).tan();
-                    let corner = top.hypot(top * width / height);
-                    height / (2.0 * top) * (1.0 + corner * corner)
+                    let corner = top.hypot(top * size_m.x / size_m.y);
+                    pixels_per_m * size_m.y / (2.0 * top) * (1.0 + corner * corner)
                 };
-                pixels.map(density).fold(0.0, f64::max)
+                pictures.map(density).fold(0.0, f64::max)
             }
             ViewProjection::Orthographic { height_m } => {
-                let pixels = whole().filter_map(|channel| self.pixels_across(channel, &view.area));
-                pixels.map(|[_, height]| height / height_m).fold(0.0, f64::max)
+                let pictures = whole().filter_map(|channel| self.picture_of(channel, &view.area));
+                let density = |Picture { size, size_m, pixels_per_m }: Picture| {
+                    let down = pixels_per_m.map(|pixels| pixels * size_m.y);
+                    down.unwrap_or(UNKNOWN_PER_CANVAS_PIXEL * size.y) / height_m
+                };
+                pictures.map(density).fold(0.0, f64::max)
             }
         }
     }
 
-    /// The width and the height of an area in pixels of a channel. Canvas pixels of projectors are
-    /// larger or smaller than their own, by what their screen says.
-    fn pixels_across(&self, channel: &Channel, area: &Area) -> Option<[f64; 2]> {
+    /// What a camera's own picture is like on a channel.
+    fn picture_of(&self, channel: &Channel, area: &Area) -> Option<Picture> {
         let part = self.canvas_rect(channel, area).ok()?;
-        let size = part.end - part.begin;
-        let is_real = size.min_element() > 0.0 && size.is_finite();
-        let factor = self.canvas_factor(channel);
-        is_real.then(|| (size * factor).to_array())
+        let (size, size_m) = (part.end - part.begin, self.screen_of(channel).part_size_m(&part));
+        let is_real = |of: DVec2| of.min_element() > 0.0 && of.is_finite();
+        // Pixels need not be square; the smaller side counts.
+        let canvas_pixels = (size / size_m).max_element();
+        let pixels_per_m = self.canvas_factor(channel).map(|factor| factor * canvas_pixels);
+        let picture = Picture { size, size_m, pixels_per_m };
+        (is_real(size) && is_real(size_m)).then_some(picture)
     }
 
-    /// The maximum number of a channel's pixels along a pixel of its screen's canvas; 1 for tiles.
-    fn canvas_factor(&self, channel: &Channel) -> f64 {
-        let Some(map) = ChannelMapping::new(channel, self.screen_of(channel)) else { return 1.0 };
+    /// The maximum number of a channel's pixels along a pixel of its screen's canvas; 1 for tiles,
+    /// `None` if only a file knows.
+    fn canvas_factor(&self, channel: &Channel) -> Option<f64> {
+        let map = ChannelMapping::new(channel, self.screen_of(channel))?;
         let factors = places(channel).filter_map(|at| {
             let across = |step: DVec2| {
                 Some(map.canvas_from_pixel(at + step)? - map.canvas_from_pixel(at - step)?)
@@ -73,7 +93,7 @@ impl Wall {
             let steps = [across(DVec2::X * HALF_PX)?, across(DVec2::Y * HALF_PX)?];
             inverse_of_least(DMat2::from_cols(steps[0], steps[1]))
         });
-        factors.fold(1.0, f64::max)
+        factors.reduce(f64::max).map(|factor| factor.max(1.0))
     }
 
     /// The maximum number of a channel's pixels in a radian around any of the eyes.
@@ -223,8 +243,18 @@ mod tests {
         assert!((found / exact - 1.0).abs() < 3e-3, "{found} and {exact}");
         // A part of a screen has fewer pixels.
         let area = Area::Screen { screen: 0, rect: [0, 0, 200, 100] };
-        let part = View { area, ..plan };
+        let part = View { area, ..plan.clone() };
         assert!((wall.pixel_density(&part, &head) - 2.0).abs() < 1e-9);
+        // Pixels twice as high as wide: the narrow side counts.
+        let mut high = wall.clone();
+        high.screens[0].canvas.y = 500;
+        for channel in &mut high.channels {
+            channel.size.y = 500;
+        }
+        assert!((high.pixel_density(&plan, &head) - 20.0).abs() < 1e-9);
+        let (found, exact) =
+            (high.pixel_density(&camera, &head), density_by_angles(&high, own.position));
+        assert!(found >= exact * 0.999, "{found} and {exact}");
     }
 
     #[test]
@@ -235,5 +265,12 @@ mod tests {
         }
         let density = wall.pixel_density(&View::of_wall(Camera::IDENTITY), &wall.head());
         assert!(density >= UNKNOWN_PER_RAD, "{density}");
+        for (projection, least) in [
+            (ViewProjection::Perspective { fov_y_rad: 1.0 }, UNKNOWN_PER_RAD),
+            (ViewProjection::Orthographic { height_m: 50.0 }, 80.0),
+        ] {
+            let view = View { projection, ..View::of_wall(Camera::IDENTITY) };
+            assert!(wall.pixel_density(&view, &wall.head()) >= least, "{projection:?}");
+        }
     }
 }

@@ -131,7 +131,8 @@ fn every_view_counts_and_parallel_rays_have_no_place() {
     assert_eq!(places.len(), 3);
     assert_eq!(places[1].position, DVec3::X * 5.0);
     assert_eq!(places.iter().map(|of| of.is_parallel).collect::<Vec<_>>(), [false, false, true]);
-    assert!((places[2].density - 64.0 / height_m).abs() < 1e-9, "{}", places[2].density);
+    // Twice as many pixels along a metre across as down, of which there are 64.
+    assert!((places[2].density - 128.0 / height_m).abs() < 1e-9, "{}", places[2].density);
 }
 
 #[test]
