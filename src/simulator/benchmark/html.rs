@@ -139,7 +139,8 @@ fn plots(scene: &SceneReport) -> [Plot; 4] {
         series: vec![series("median frame", value(&triangles))],
     };
     let stated = |bound: &BoundReport| bound.frames.largest_error_px;
-    let worst = largest(&|bound| bound.silhouette_px.max(stated(bound)));
+    let silhouette = |bound: &BoundReport| bound.silhouette_px.unwrap_or_default();
+    let worst = largest(&|bound| silhouette(bound).max(stated(bound)));
     let mut errors = asked();
     errors.label = "error, px".into();
     // An error beyond the largest bound is shown, not cut off.
@@ -152,7 +153,7 @@ fn plots(scene: &SceneReport) -> [Plot; 4] {
         x: asked(),
         y: errors,
         series: vec![
-            series("silhouette", value(&|bound| bound.silhouette_px)),
+            series("silhouette", value(&silhouette)),
             series("stated", value(&stated)),
             Series { is_guide: true, ..series("as asked", diagonal) },
         ],
@@ -227,7 +228,7 @@ fn bounds_table(scene: &SceneReport) -> String {
             frames.triangles.to_string(),
             frames.draw_calls.to_string(),
             format!("{:.2}", frames.largest_error_px),
-            format!("{:.2}", bound.silhouette_px),
+            bound.silhouette_px.map_or_else(|| "not seen".to_owned(), |px| format!("{px:.2}")),
             format!("{:.4}", bound.flip),
             format!("{:.4}", bound.flip_p99),
             format!("{:.1}", bound.memory.gpu_bytes as f64 / MIB),

@@ -34,22 +34,24 @@ pub(super) fn flip_errors(
 }
 
 /// Returns the distances between the outlines of the scene at each bound and at full detail, one
-/// for each camera, in pixels of this wall. Bounds are likewise, and the first one is full detail.
+/// for each camera that sees an outline, in pixels of this wall: where the scene fills the picture,
+/// there is none. Bounds are likewise, and the first one is full detail.
 pub(super) fn outline_distances(
     stage: &Stage,
     cameras: &[Camera],
     bounds_px: &[f64],
 ) -> anyhow::Result<Vec<Vec<f64>>> {
-    // The background is one colour, whatever the camera sees of it.
-    let background = stage.picture(stage.camera_away())?.rgba;
     let mut distances_px = vec![Vec::with_capacity(cameras.len()); bounds_px.len()];
     for &camera in cameras {
+        // A scene may have surroundings, of which each camera sees another part.
+        let background = stage.background(camera)?.rgba;
         let mut reference: Option<Coverage> = None;
         for (&bound_px, distances_px) in bounds_px.iter().zip(&mut distances_px) {
             stage.set_error_bound(bound_px)?;
             let picture = stage.picture(camera)?;
             let coverage = Coverage::in_front_of(&background, &picture.rgba, picture.width);
             match &reference {
+                None if coverage.is_full() => break,
                 None => {
                     distances_px.push(0.0);
                     reference = Some(coverage);

@@ -153,16 +153,19 @@ impl SceneReport {
     /// Returns what was measured, for people: one line for each error bound.
     pub fn lines(&self) -> impl Iterator<Item = String> {
         self.bounds.iter().map(|bound| {
+            let silhouette = match bound.silhouette_px {
+                Some(px) => {
+                    let poses = counted(bound.poses_outlined, "pose");
+                    format!("{px:.2} px, within the bound in {} of {poses}", bound.poses_within)
+                }
+                None => "not seen in any pose".to_owned(),
+            };
             format!(
-                "{}: bound {} px: {:.1} ms a frame, {}, silhouette {:.2} px, within \
-                 the bound in {} of {}, FLIP {:.4}",
+                "{}: bound {} px: {:.1} ms a frame, {}, silhouette {silhouette}, FLIP {:.4}",
                 self.scene,
                 bound.error_bound_px,
                 bound.frames.frame_ms,
                 counted(bound.frames.triangles, "triangle"),
-                bound.silhouette_px,
-                bound.poses_within,
-                counted(self.run.poses, "pose"),
                 bound.flip
             )
         })
@@ -186,10 +189,13 @@ pub(super) struct BoundReport {
     pub frames: FrameCosts,
     #[serde(flatten)]
     pub memory: Memory,
-    /// The largest measured distance between outlines at this bound and at full detail, in pixels.
-    pub silhouette_px: f64,
-    /// Poses at which that distance is within the bound, up to the diagonal of a pixel of the
-    /// pictures that are compared: both outlines are rounded to centres of pixels.
+    /// The largest measured distance between outlines at this bound and at full detail, in pixels;
+    /// `None` if the scene fills the picture of every pose.
+    pub silhouette_px: Option<f64>,
+    /// Poses at which outlines are seen.
+    pub poses_outlined: u32,
+    /// Poses of these at which that distance is within the bound, up to the diagonal of a pixel of
+    /// the pictures that are compared: both outlines are rounded to centres of pixels.
     pub poses_within: u32,
     /// The mean FLIP error against full detail, from 0 to 1.
     pub flip: f64,
@@ -205,7 +211,8 @@ impl BoundReport {
     /// Takes the distances of outlines in pictures with `factor` pixels along each of the wall's.
     pub fn set_outlines(&mut self, distances: &[f64], factor: f64) {
         let px = |distance: &f64| distance / factor;
-        self.silhouette_px = distances.iter().map(px).fold(0.0, f64::max);
+        self.silhouette_px = distances.iter().map(px).reduce(f64::max);
+        self.poses_outlined = u32::try_from(distances.len()).unwrap_or(u32::MAX);
         let most = self.error_bound_px + std::f64::consts::SQRT_2 / factor;
         let within = |distance: &&f64| self.error_bound_px > 0.0 && px(distance) <= most;
         let exact = |distance: &&f64| **distance == 0.0;

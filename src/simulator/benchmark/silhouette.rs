@@ -18,6 +18,11 @@ impl Coverage {
         Self { width: width as usize, is_covered: pixels.map(|(a, b)| a != b).collect() }
     }
 
+    /// Returns whether no background is seen, and so no outline.
+    pub fn is_full(&self) -> bool {
+        self.is_covered.iter().all(|covered| *covered)
+    }
+
     /// Returns the largest distance by which the outline has to move to turn this coverage into
     /// the other one, in pixels; in either direction, and 0 if both are equal.
     ///

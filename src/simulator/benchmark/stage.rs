@@ -102,6 +102,16 @@ impl Stage {
         Camera::look_at(above, above + up, DVec3::Z)
     }
 
+    /// Returns the picture of what this camera sees where nothing of the scene is shown.
+    pub fn background(&self, camera: Camera) -> anyhow::Result<Image> {
+        // No node has this number, so none is shown.
+        let nothing = View { root: Some(u64::MAX), ..View::of_wall(camera) };
+        self.set_views(vec![nothing])?;
+        let picture = self.picture(camera)?;
+        self.set_views(Vec::new())?;
+        Ok(picture)
+    }
+
     /// Returns the width and height of the screen in pixels.
     pub fn size(&self) -> [u32; 2] {
         self.wall.screens.first().map_or([1, 1], |screen| screen.canvas.to_array())
