@@ -117,6 +117,8 @@ pub struct FrameRendered {
     pub error_fraction: f32,
     /// Primitives in their places that were left out because others hide them.
     pub draws_occluded: u32,
+    /// It was drawn in another way for comparison, and took longer than most for it perhaps.
+    pub is_trial: bool,
     /// How long the GPU took for each pass; most frames do not tell.
     pub passes: PassTimes,
 }

@@ -85,11 +85,12 @@ mod tests {
             let _ = woken.try_send(());
         });
         let guard = PanicGuard::new("loader", &ending, &wake, queue.clone());
-        let panics = thread::spawn(move || {
+        let panics = move || {
             let _guard = guard;
             let _queue = queue;
             std::panic::panic_any("on purpose");
-        });
+        };
+        let panics = thread::Builder::new().name("panics".into()).spawn(panics).expect("a thread");
         assert!(waiting.recv().is_err(), "it ends");
         assert_eq!(ending.panicked(), Some("loader"));
         assert_eq!(ending.reason(), Some("its loader thread panicked"));

@@ -46,6 +46,7 @@ pub(crate) fn drawn(
         draw_calls: stats.draw_calls,
         error_fraction: stats.error_share,
         draws_occluded: stats.occluded,
+        is_trial: stats.is_trial,
         passes: stats.passes,
     }))
 }

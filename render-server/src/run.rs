@@ -265,6 +265,17 @@ impl OwnThread {
     }
 }
 
+/// What the manager is told of a GPU.
+fn adapter_of(gpu: &Gpu) -> Adapter {
+    let facts = gpu.info();
+    Adapter {
+        name: facts.name,
+        driver: format!("{} {}", facts.driver, facts.driver_info),
+        backend: facts.backend,
+        texture_side_max: facts.texture_side_max,
+    }
+}
+
 /// The threads beside the main one.
 struct Threads {
     jobs: Sender<RenderTask>,
@@ -289,13 +300,7 @@ impl Threads {
         let (orders, waiting_orders): (_, Receiver<LoadOrder>) = bounded(ORDERS_MAX);
         let (reports, waiting_reports) = mpsc::channel(REPORTS_MAX);
         let channels = outputs.iter().map(|output| output.name.clone()).collect();
-        let (facts, losses) = (gpu.info(), gpu.losses());
-        let adapter = Adapter {
-            name: facts.name,
-            driver: format!("{} {}", facts.driver, facts.driver_info),
-            backend: facts.backend,
-            texture_side_max: facts.texture_side_max,
-        };
+        let (adapter, losses) = (adapter_of(&gpu), gpu.losses());
         let OwnThread { on_end, monitor_names } = own;
         let span = tracing::Span::current();
         let identity = ServerInfo { server: options.name.clone(), adapter: adapter.name.clone() };

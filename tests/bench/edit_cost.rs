@@ -251,6 +251,7 @@ impl Stage {
                 draw_calls: 0,
                 error_fraction: 0.0,
                 draws_occluded: 0,
+                is_trial: false,
                 passes: polyptych_scene::PassTimes::default(),
             }),
             _ => return,

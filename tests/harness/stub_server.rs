@@ -170,6 +170,7 @@ impl Shared {
             draw_calls: 0,
             error_fraction: 0.0,
             draws_occluded: 0,
+            is_trial: false,
             passes: polyptych_scene::PassTimes::default(),
         }
     }

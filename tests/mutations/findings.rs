@@ -47,6 +47,7 @@ fn counts_that_a_server_makes_up_are_added_up() {
             draw_calls: u32::MAX,
             error_fraction: 0.0,
             draws_occluded: u32::MAX,
+            is_trial: false,
             passes: polyptych_scene::PassTimes::default(),
         };
         receiver.take_for_each_frame(ServerMessage::Drawn(drawn));

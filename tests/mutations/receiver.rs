@@ -268,6 +268,7 @@ fn drawn(frame: &Frame, channel: ChannelId, digest: Digest) -> FrameRendered {
         draw_calls: 6,
         error_fraction: 0.0,
         draws_occluded: 40,
+        is_trial: false,
         passes: PassTimes::default(),
     }
 }

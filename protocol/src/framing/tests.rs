@@ -72,6 +72,7 @@ fn drawn() -> FrameRendered {
         draw_calls: 6,
         error_fraction: 0.0,
         draws_occluded: 40,
+        is_trial: false,
         passes: polyptych_scene::PassTimes::default(),
     }
 }

@@ -173,6 +173,7 @@ impl FrameResources {
         let cull = start.elapsed();
         self.timer = self.times.begin(gpu);
         let items = shown.iter().map(|(_, visible)| visible.items.len()).sum();
+        let is_trial = occluders.is_some_and(|(_, when)| target.occlusion.is_trial(when, items));
         let occluders = occluders.filter(|(_, when)| target.occlusion.is_used(*when, items));
         let depths = match occluders {
             Some((occluders, _)) => self.search_hidden(gpu, occluders, scene, target, &shown)?,
@@ -181,7 +182,19 @@ impl FrameResources {
         let is_culling = occluders.is_some();
         let search = start.elapsed().saturating_sub(cull);
         let timer = self.timer.clone();
-        Ok(BegunFrame { shown, sky, tone, fog, items, is_culling, depths, timer, cull, search })
+        Ok(BegunFrame {
+            shown,
+            sky,
+            tone,
+            fog,
+            items,
+            is_culling,
+            is_trial,
+            depths,
+            timer,
+            cull,
+            search,
+        })
     }
 
     /// Encodes a frame and submits it.
@@ -201,7 +214,7 @@ impl FrameResources {
         let BegunFrame { mut shown, sky, tone, items, is_culling, depths, cull, search, .. } =
             begun;
         self.timer.clone_from(&begun.timer);
-        let timer = begun.timer;
+        let (timer, is_trial) = (begun.timer, begun.is_trial);
         let hidden = depths.map(|of| of.leave_out_hidden(gpu, scene, target, &mut shown));
         let hidden = hidden.transpose()?;
         let searched = start.elapsed();
@@ -232,6 +245,7 @@ impl FrameResources {
         let occluded = hidden.map_or(0, |hidden| hidden.count);
         let stats = DrawStats {
             shadow_maps: drawn,
+            is_trial,
             occlusion_us: us(search + searched),
             cull_us: us(cull + sorted.saturating_sub(searched)),
             encode_us: us(encoded.saturating_sub(sorted)),

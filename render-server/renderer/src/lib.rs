@@ -133,6 +133,8 @@ pub struct DrawStats {
     pub encode_us: u64,
     /// Microseconds from there until the GPU was done.
     pub gpu_us: u64,
+    /// The frame was drawn in the way that was slower before, for comparison.
+    pub is_trial: bool,
     /// How long the GPU took for each pass: one frame in eight tells, where the adapter can.
     pub passes: PassTimes,
 }
@@ -153,6 +155,7 @@ impl DrawStats {
             cull_us: self.cull_us + other.cull_us,
             encode_us: self.encode_us + other.encode_us,
             gpu_us: self.gpu_us + other.gpu_us,
+            is_trial: self.is_trial || other.is_trial,
             passes: self.passes.and(other.passes),
         }
     }

@@ -54,7 +54,12 @@ impl Default for OcclusionTrial {
 impl OcclusionTrial {
     /// Returns whether the next frame leaves out what is hidden.
     pub fn is_culling(&self) -> bool {
-        self.is_culling != (self.trial_frames > 0)
+        self.is_culling != self.is_under_way()
+    }
+
+    /// Returns whether the next frame is drawn in the way that was slower.
+    pub fn is_under_way(&self) -> bool {
+        self.trial_frames > 0
     }
 
     /// Takes the time of the frame that was drawn as [`Self::is_culling`] says.

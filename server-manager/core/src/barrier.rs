@@ -1,6 +1,6 @@
 //! The frame barrier: begin, wait for the drawings, swap. One for the whole wall.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroU32;
 
 use polyptych_protocol::command::{Command, Frame, Swap};
@@ -69,6 +69,8 @@ pub(super) struct Barrier {
     /// Drawing time of each server for the channels in `awaited`, in microseconds, summed up: a
     /// server draws its channels one after another.
     busy_us: BTreeMap<SessionId, u32>,
+    /// Servers of which a channel was drawn in another way for comparison.
+    tried: BTreeSet<SessionId>,
     pub drawn: BTreeMap<ChannelId, FrameRendered>,
 }
 
@@ -111,6 +113,12 @@ impl Barrier {
     /// The longest that a server drew for the channels that the frame waited for, where one has.
     pub fn slowest_us(&self) -> Option<u32> {
         self.busy_us.values().copied().max()
+    }
+
+    /// Returns whether the time of the slowest server is that of a trial: no other frame takes it.
+    fn is_slowed_by_trial(&self) -> bool {
+        let slowest = self.busy_us.iter().max_by_key(|(_, us)| **us);
+        slowest.is_some_and(|(server, _)| self.tried.contains(server))
     }
 
     /// The channel that took longest to draw, of those that the frame waited for.
@@ -224,6 +232,7 @@ impl Cluster {
             awaited: waited.clone(),
             waited,
             busy_us: BTreeMap::new(),
+            tried: BTreeSet::new(),
             drawn: BTreeMap::new(),
         });
         if self.pipeline.oldest().is_some_and(Barrier::is_complete) {
@@ -263,7 +272,11 @@ impl Cluster {
     /// Scene time of the frame that begins: of one that nobody has ordered, that of the last one.
     fn time_of(&mut self, order: Option<&FrameRequest>, now: Micros) -> f64 {
         if self.is_timed(order) || self.frame.0 <= 1 {
-            self.time_s = order.and_then(|order| order.time_s).unwrap_or(now as f64 * 1e-6);
+            let given_s = order.and_then(|order| order.time_s);
+            if given_s.is_none() {
+                self.pacer.own_s = now as f64 * 1e-6;
+            }
+            self.time_s = given_s.unwrap_or(self.pacer.own_s);
         }
         self.time_s
     }
@@ -333,7 +346,9 @@ impl Cluster {
         self.registry.record_draw(drawn.channel, drawn.draw_us, now, began, allowed);
         if is_awaited {
             self.rate_bound.record_awaited(drawn.channel);
-        } else if let Some((_, reduction)) = beginning.filter(|_| self.is_warm(drawn.channel)) {
+        } else if let Some((_, reduction)) =
+            beginning.filter(|_| self.is_warm(drawn.channel) && !drawn.is_trial)
+        {
             let draw_us = Micros::from(drawn.draw_us);
             let bounds = &self.presentation.bounds;
             self.rate_bound.add_late(bounds, drawn.channel, draw_us, reduction);
@@ -351,6 +366,9 @@ impl Cluster {
             let elapsed_us = u32::try_from(now.saturating_sub(barrier.began)).unwrap_or(u32::MAX);
             let busy_us = barrier.busy_us.entry(from).or_default();
             *busy_us = busy_us.saturating_add(drawn.draw_us).min(elapsed_us);
+            if drawn.is_trial {
+                barrier.tried.insert(from);
+            }
         }
         barrier.drawn.insert(drawn.channel, *drawn);
         let frame_us = now.saturating_sub(barrier.began);
@@ -423,7 +441,8 @@ impl Cluster {
             // One that was not waited for any longer took as long as that.
             let missed_us = now.saturating_sub(barrier.turn + lead_us);
             let missed_us = (!barrier.waited.is_empty()).then_some(missed_us);
-            if let Some(us) = slowest_us.map(Micros::from).max(missed_us) {
+            let typical_us = slowest_us.filter(|_| !barrier.is_slowed_by_trial());
+            if let Some(us) = typical_us.map(Micros::from).max(missed_us) {
                 self.rate_bound.add(&self.presentation.bounds, us, barrier.reduction);
             }
         }

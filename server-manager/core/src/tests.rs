@@ -260,6 +260,7 @@ impl ClusterFixture {
             draw_calls: 1,
             error_fraction: 0.0,
             draws_occluded: 40,
+            is_trial: false,
             passes: PassTimes::default(),
         }
     }

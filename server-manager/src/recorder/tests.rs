@@ -130,6 +130,7 @@ impl RandomRun {
                 draw_calls: 1,
                 error_fraction: 0.0,
                 draws_occluded: 0,
+                is_trial: false,
                 passes: PassTimes::default(),
             }),
             _ => return,

@@ -204,6 +204,7 @@ fn drawn(frame: &Frame, index: u16, revision: Revision, digest: Digest) -> Serve
         draw_calls: 0,
         error_fraction: 0.0,
         draws_occluded: 0,
+        is_trial: false,
         passes: polyptych_scene::PassTimes::default(),
     })
 }

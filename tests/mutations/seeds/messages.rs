@@ -199,6 +199,7 @@ fn statuses() -> Vec<ServerMessage> {
         draw_calls: 6,
         error_fraction: 0.0,
         draws_occluded: 40,
+        is_trial: false,
         passes: passes(),
     };
     let (features, scene_bytes, detail_reach) = (vec!["blend".into()], 1000, Some(2.5));

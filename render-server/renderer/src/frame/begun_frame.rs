@@ -33,6 +33,8 @@ pub struct BegunFrame {
     pub(super) items: usize,
     /// Items that others hide are left out.
     pub(super) is_culling: bool,
+    /// For comparison.
+    pub(super) is_trial: bool,
     /// The search for what is hidden; `None` if there is none.
     pub(super) depths: Option<OccluderDepths>,
     /// Measures its passes.

@@ -66,6 +66,12 @@ impl OcclusionMemory {
         }
     }
 
+    /// Returns whether the next frame, which may show so many items, is part of a trial.
+    pub(super) fn is_trial(&self, when: OcclusionCulling, items: usize) -> bool {
+        let may_try = when == OcclusionCulling::WhereFaster && items >= TRIED_ITEMS_MIN;
+        may_try && self.trial.is_under_way()
+    }
+
     /// Takes the time of a frame that may show so many items, if it could have been drawn either
     /// way. Of several frames on their way, the first may begin a trial that the next ones, which
     /// were drawn before that, are no part of.

@@ -219,6 +219,7 @@ impl Simulation {
             draw_calls: 1,
             error_fraction: 0.0,
             draws_occluded: 0,
+            is_trial: false,
             passes: polyptych_scene::PassTimes::default(),
         };
         self.report(index, ServerMessage::Drawn(drawn));
