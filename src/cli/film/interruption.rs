@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
-use std::thread;
+use std::thread::Builder;
 use std::time::Duration;
 
 use polyptych_client::Pacing;
@@ -53,10 +53,11 @@ impl Interruption {
 /// Gives the wall its pace back. A manager that is away is not waited for as long as a film would.
 fn resumed_by(client: &Client, pace: Option<Pacing>) -> Result<(), String> {
     let Some(pace) = pace else { return Ok(()) };
-    let (done, answer) = mpsc::channel();
+    let (done, answer) = mpsc::sync_channel(1);
     let client = client.clone();
     // Whoever asks twice wants this process to end: the thread ends with it.
-    thread::spawn(move || drop(done.send(client.start_rendering(pace))));
+    let resume = move || drop(done.send(client.start_rendering(pace)));
+    Builder::new().name("resume".into()).spawn(resume).map_err(|error| error.to_string())?;
     match answer.recv_timeout(RESUME_TIME_MAX) {
         Ok(resumed) => resumed.map_err(|error| error.to_string()),
         Err(_) => Err(format!("the manager has not answered within {RESUME_TIME_MAX:?}")),
