@@ -229,8 +229,9 @@ impl FrameResources {
         let occlusion = occlusion.as_ref();
         let with = DrawnWith { pipelines: &found, variant, shadows: &groups, occlusion };
         let is_blurred = self.draw_discs(gpu, &with, (scene, target), (&shown, &places))?;
-        let behind = self.draw_behind(gpu, &with, scene, target, (&shown, pictures))?;
+        // Both have pictures behind glass of their own, in the same texture.
         let glow = self.begin_glow(gpu, &with, (scene, target), &shown)?;
+        let behind = self.draw_behind(gpu, &with, scene, target, (&shown, pictures))?;
         let lists = self.lists(gpu, scene, &shown)?;
         let sorted = start.elapsed();
         let hidden_by = occluders.zip(hidden);

@@ -44,8 +44,8 @@ pub(crate) const LAMP_RADIUS: f64 = 0.05;
 const NEAR_FRACTION: f64 = 1.0 / 65_536.0;
 
 /// Half of the diagonal of the largest lantern as a share of how far a light reaches in the scene:
-/// 1.25 m of 10 m.
-const LANTERN_FRACTION: f64 = 1.0 / 8.0;
+/// 2.5 m of 10 m, with the post of a street lamp.
+const LANTERN_FRACTION: f64 = 1.0 / 4.0;
 
 /// The least tangent of half a cone's angle: a map of no width has no texels.
 const TANGENT_MIN: f64 = 1e-3;
@@ -141,9 +141,8 @@ impl LampMap {
             // Levels of detail as the light sees them, whoever sees the shadow.
             allowed_error: AllowedError {
                 angle_rad: LEVEL_TEXELS * self.texel(),
-                length: 0.0,
-                eye_offset: 0.0,
                 pixel: self.texel(),
+                ..AllowedError::NONE
             },
             has_shadows: false,
         }

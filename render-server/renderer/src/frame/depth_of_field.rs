@@ -183,7 +183,7 @@ impl FrameResources {
     }
 
     /// Draws what is behind the glass of these pictures; `None` for a scene without any.
-    fn draw_behind_pictures(
+    pub(super) fn draw_behind_pictures(
         &mut self,
         gpu: &Gpu,
         with: &DrawnWith<'_>,

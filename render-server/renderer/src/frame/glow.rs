@@ -4,19 +4,17 @@ use polyptych_scene::{FramePass, GLOW_OCTAVES, Glow, ToneMapper};
 
 use super::FrameResources;
 use super::begun_frame::ShownView;
-use super::behind::{BehindBinding, BehindPictures, DrawnWith, PicturesOf};
+use super::behind::{BehindPictures, DrawnWith, PicturesOf};
 use super::frame_buffer::FrameBuffer;
 use super::submission::Submission;
 use crate::DrawError;
 use crate::bindings::uniform_stride;
 use crate::gpu::Gpu;
-use crate::guarded_region::{BehindUniform, GuardedRegion, LEVELS};
+use crate::guarded_region::{GuardedRegion, LEVELS};
 use crate::pass::glow::{GlowPass, GlowUniform, SpreadPart};
-use crate::picture_target::picture_texture;
-use crate::pipeline::PipelineKey;
 use crate::region_group::RegionGroup;
 use crate::scene::GpuScene;
-use crate::target::{LINEAR_FORMAT, Target};
+use crate::target::Target;
 use crate::view::ViewDesc;
 
 /// What glow needs from frame to frame; nothing of it before there is any.
@@ -25,14 +23,12 @@ pub(super) struct GlowPictures {
     pass: Option<GlowPass>,
     pictures: BehindPictures,
     uniforms: FrameBuffer,
-    /// What is behind glass there: nothing.
-    dark: Option<wgpu::TextureView>,
 }
 
 impl Default for GlowPictures {
     fn default() -> Self {
         let uniforms = FrameBuffer::new("frame/glow", wgpu::BufferUsages::UNIFORM);
-        Self { pass: None, pictures: BehindPictures::default(), uniforms, dark: None }
+        Self { pass: None, pictures: BehindPictures::default(), uniforms }
     }
 }
 
@@ -117,11 +113,11 @@ impl FrameResources {
         let (shown, sides) = (&shown[group.views.clone()], group.sides);
         let texture = self.glow.pictures.texture(gpu, (sides, target.samples()));
         let regions: Vec<_> = group.regions.iter().map(|of| Vec::from_iter(*of)).collect();
-        let occlusion = with.occlusion.map(|drawn| drawn.binding_of_none(shown.len()));
-        let behind = self.dark_behind(gpu, scene, (shown, group));
-        let of = PicturesOf { shown, regions: &regions, occlusion, behind };
         let shadows = with.shadows.get(group.views.clone()).unwrap_or_default();
         let with = DrawnWith { shadows, ..*with };
+        let behind = self.draw_behind_pictures(gpu, &with, (scene, target), (shown, group))?;
+        let occlusion = with.occlusion.map(|drawn| drawn.binding_of_none(shown.len()));
+        let of = PicturesOf { shown, regions: &regions, occlusion, behind };
         let onto = (&texture.target, sides);
         let mut encoder = self.draw_pictures(gpu, &with, (scene, target), of, onto, |_| true)?;
         let timer = self.timer.clone();
@@ -138,27 +134,6 @@ impl FrameResources {
             timer.end(encoder, FramePass::Glow);
         });
         Ok(SpreadLight { picture, views })
-    }
-
-    /// What glass shows in the pictures of a group, of which each has its own uniform: what is
-    /// behind it needs pictures of its own, and glows as it would without the glass.
-    fn dark_behind(
-        &mut self,
-        gpu: &Gpu,
-        scene: &GpuScene,
-        (shown, group): (&[ShownView], &RegionGroup),
-    ) -> Option<BehindBinding> {
-        if !scene.layout.keys.iter().any(PipelineKey::transmits) {
-            return None;
-        }
-        let view = self.glow.dark.get_or_insert_with(|| {
-            let texture = picture_texture(gpu, "glow/behind", LINEAR_FORMAT, ([1, 1], 1));
-            texture.create_view(&wgpu::TextureViewDescriptor::default())
-        });
-        let seen = shown.iter().zip(&group.regions);
-        let uniforms =
-            seen.filter_map(|(of, region)| Some(BehindUniform::new(&of.0, &[(*region)?])));
-        Some(BehindBinding { view: view.clone(), uniforms: uniforms.collect() })
     }
 
     /// Maps views and the light that spread to the display target; where there is a sky, all of it

@@ -1,7 +1,9 @@
 //! Glow: no light is lost, it falls as it is to, unlit colours stay, and no tile has a seam.
 
 use glam::{DAffine3, DVec3, Vec3};
-use polyptych_scene::{AlphaMode, Glow, Material, MaterialExtensions, ToneMapper, Transmission};
+use polyptych_scene::{
+    AlphaMode, Glow, Material, MaterialExtensions, Specular, ToneMapper, Transmission,
+};
 
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, gpu, look, matt, pixel,
@@ -88,13 +90,17 @@ fn unlit_colours_neither_glow_nor_are_shone_over() {
 }
 
 #[test]
-fn what_is_behind_dark_glass_does_not_glow_over_it() {
+fn what_glass_lets_through_glows_and_nothing_else() {
     let transmission = Some(Transmission { factor: 1.0, texture: None });
-    let extensions = MaterialExtensions { transmission, ..MaterialExtensions::default() };
-    let pane = Material { extensions: Some(Box::new(extensions)), ..matt(0.0, 0.0, 0.0) };
-    let lamp = || ([0.0, 0.0], 0.5, glowing(40.0));
+    let specular = Some(Specular { factor: 0.0, ..Specular::default() });
+    let extensions = MaterialExtensions { transmission, specular, ..MaterialExtensions::default() };
+    let pane = |color: f32| Material {
+        extensions: Some(Box::new(extensions.clone())),
+        ..matt(color, color, color)
+    };
+    let lamp = || ([0.0, 0.0], 0.5, glowing(0.5));
     let glow = view(Some(Glow { strength: 0.5, width_degrees: 5.0 }));
-    // Before the lamp, and as near to the viewer as to hide it all.
+    // Before the lamp, which it covers.
     let near = |of: Material| {
         let mut stage = fixture(&[lamp()]);
         let of = stage.material(of);
@@ -103,9 +109,10 @@ fn what_is_behind_dark_glass_does_not_glow_over_it() {
         lights(&stage.build(), 1, &glow).iter().sum::<f64>()
     };
     let open: f64 = lights(&cards(&[lamp()]), 1, &glow).iter().sum();
-    let [dark, hidden] = [near(pane), near(matt(0.0, 0.0, 0.0))];
-    println!("{open} of light, {dark} behind dark glass, {hidden} behind a card");
+    let [dark, clear, hidden] = [pane(0.0), pane(1.0), matt(0.0, 0.0, 0.0)].map(near);
+    println!("{open} of light, {dark} behind dark glass, {clear} behind clear, {hidden} hidden");
     assert!((dark - hidden).abs() < open * 1e-3, "{dark} behind glass, {hidden} behind a card");
+    assert!((clear / open - 1.0).abs() < 0.02, "{clear} behind clear glass, {open} without");
 }
 
 #[test]
