@@ -71,6 +71,9 @@ pub struct DetailBound {
     /// The steps by which the resolution of all channels is lowered, 0 to
     /// [`RESOLUTION_STEPS_MAX`]; see [`resolution_scale`].
     pub resolution_steps: u8,
+    /// The error and the resolution change with the rate of frames: what takes long to draw anew
+    /// does not follow them.
+    pub follows_rate: bool,
 }
 
 impl DetailBound {
@@ -144,7 +147,7 @@ mod tests {
     #[test]
     fn views_without_a_density_are_drawn_finest() {
         let densities = vec![1000.0, 0.0, f64::NAN, 1e-320];
-        let bound = DetailBound { error_px: 2.0, densities, resolution_steps: 0 };
+        let bound = DetailBound { error_px: 2.0, densities, ..DetailBound::default() };
         let allowed: Vec<f64> = (0..5).map(|view| bound.allowed_in(view)).collect();
         assert_eq!(allowed, [0.002, 0.0, 0.0, 0.0, 0.0]);
         assert_eq!(DetailBound::default().allowed_in(0), 0.0);

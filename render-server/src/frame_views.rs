@@ -39,13 +39,14 @@ impl ViewTransform {
         let camera = &view.camera;
         let allowed = frame.detail.allowed_in(number);
         let pixel = frame.detail.pixel_in(number);
+        let none = AllowedError { follows_rate: frame.detail.follows_rate, ..AllowedError::NONE };
         let allowed_error = match view.projection {
             ViewProjection::Orthographic { .. } => {
                 let [length, pixel] = [allowed, pixel].map(|of| of * camera.scale);
-                AllowedError { length, pixel, ..AllowedError::NONE }
+                AllowedError { length, pixel, ..none }
             }
             ViewProjection::Perspective { .. } => {
-                AllowedError { angle_rad: allowed, pixel, ..AllowedError::NONE }
+                AllowedError { angle_rad: allowed, pixel, ..none }
             }
             // The head's and not this channel's eye's, which may be the middle one, or, near a
             // dome's pole, nearer to it than others.
@@ -56,7 +57,7 @@ impl ViewTransform {
                     * frame.presentation.head.eye_separation_m
                     * 0.5
                     * camera.scale,
-                ..AllowedError::NONE
+                ..none
             },
         };
         // World to display space, the eye being the origin of both, then to the screen's axes;

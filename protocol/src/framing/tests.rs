@@ -54,7 +54,12 @@ fn frame() -> Frame {
             ..Presentation::new(HeadPose::facing_forward(DVec3::new(0.0, 1.6, 0.0), 0.064))
         },
         capture: Some(NonZeroU32::MIN),
-        detail: DetailBound { error_px: 0.5, densities: vec![2000.0], resolution_steps: 3 },
+        detail: DetailBound {
+            error_px: 0.5,
+            densities: vec![2000.0],
+            resolution_steps: 3,
+            follows_rate: true,
+        },
         clips: Vec::new(),
         is_metered: false,
     }
@@ -190,7 +195,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
              0000000000000000000000000000f03ffca9f1d24d62b03f01000000000000f03f00000000000000c000\
              000000d0126341000000000000000000000000000000000000000000000000000000000000f03f000000\
              000000e03f000000000000803f020105000000000000000000000000000000000101000000000000e03f01\
-             0000000000409f40030000",
+             0000000000409f4003010000",
         ),
         (
             encode(&Command::Swap(Swap {
@@ -205,7 +210,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         (encode(&ServerMessage::Prepared(prepared)), "000102030105626c656e64fbe80300"),
         (
             encode(&ServerMessage::Drawn(drawn())),
-            "0201fb2c010302fdfffffffffffffffffb204efca0860100060000000028000000000000000000",
+            "0201fb2c010302fdfffffffffffffffffb204efca086010006000000002800000000000000000000",
         ),
         (encode(&ServerMessage::Shown(shown)), "0401fb2c0103fc701101002801"),
         (encode(&ServerMessage::Ping(Ping { sent_us: 1, memory_bytes: 2 })), "050102"),

@@ -58,7 +58,7 @@ pub(crate) struct ErrorTolerance {
 
 impl ErrorTolerance {
     pub fn new(view: &ViewDesc) -> Self {
-        let AllowedError { angle_rad, length, eye_offset, pixel } = view.allowed_error;
+        let AllowedError { angle_rad, length, eye_offset, pixel, .. } = view.allowed_error;
         let eye = view.middle_eye_in_world;
         if view.is_parallel() {
             // What parallel rays show of an error is the same at all distances.

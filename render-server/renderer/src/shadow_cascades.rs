@@ -108,6 +108,8 @@ pub(crate) struct Cascade {
     pub radius: f64,
     /// A sphere around all points that are looked up here: without end of the widest.
     pub around: (DVec3, f64),
+    /// How far what casts may be off, in units of the world.
+    pub level_error: f64,
 }
 
 impl Cascade {
@@ -127,7 +129,10 @@ impl Cascade {
         let nearest = scene.distance_squared(eye).sqrt().max(near);
         let margin = half.z * DEPTH_MARGIN + middle.z.abs() * f64::EPSILON * 4.0;
         let depth = (2.0 * (half.z + margin)).max(widest * DEPTH_MIN);
-        let light = Light { basis, middle, depth, eye: basis.of_world(eye) };
+        // As a map shows levels of detail, whoever sees the shadow: another viewer, or another
+        // bound, needs no other map.
+        let level_texels = if view.allowed_error.is_none() { 0.0 } else { LEVEL_TEXELS };
+        let light = Light { basis, middle, depth, eye: basis.of_world(eye), level_texels };
         let mut maps = Vec::new();
         let mut radius = widest;
         while maps.is_empty() || (maps.len() < count_max && radius > nearest) {
@@ -172,9 +177,7 @@ impl Cascade {
             depth_of_field: None,
             tone: polyptych_scene::ToneMapper::default(),
             subset: camera.subset.clone(),
-            // As the map shows levels of detail, whoever sees the shadow: another viewer, or
-            // another bound, needs no other map.
-            allowed_error: AllowedError { length: LEVEL_TEXELS * self.texel, ..AllowedError::NONE },
+            allowed_error: AllowedError { length: self.level_error, ..AllowedError::NONE },
             has_shadows: false,
         }
     }
@@ -201,6 +204,7 @@ struct Light {
     /// The depth of the scene, with a margin.
     depth: f64,
     eye: DVec3,
+    level_texels: f64,
 }
 
 impl Light {
@@ -220,6 +224,7 @@ impl Light {
             texel,
             radius: if is_widest { f64::INFINITY } else { radius },
             around: (eye, if is_widest { f64::INFINITY } else { radius + way }),
+            level_error: self.level_texels * texel,
         }
     }
 }

@@ -86,11 +86,20 @@ pub struct AllowedError {
     /// A pixel, in radians or, of parallel rays, in units of the world: the unit of errors of
     /// levels that are drawn for want of finer ones where no error is allowed. 0 if not known.
     pub pixel: f64,
+    /// The error changes with the rate of frames: what takes long to draw anew, such as maps of
+    /// shadows, is as where some error is allowed.
+    pub follows_rate: bool,
 }
 
 impl AllowedError {
     /// Only the finest level.
-    pub const NONE: Self = Self { angle_rad: 0.0, length: 0.0, eye_offset: 0.0, pixel: 0.0 };
+    pub const NONE: Self =
+        Self { angle_rad: 0.0, length: 0.0, eye_offset: 0.0, pixel: 0.0, follows_rate: false };
+
+    /// Returns whether all that is drawn is of the finest level.
+    pub(crate) fn is_none(&self) -> bool {
+        self.angle_rad <= 0.0 && self.length <= 0.0 && !self.follows_rate
+    }
 }
 
 /// Twin of `Frame` in `include/frame.wgsl`.
@@ -347,7 +356,7 @@ impl ViewDesc {
         if let Some(fault) = self.depth_of_field.and_then(|of| of.fault()) {
             return Some(fault);
         }
-        let AllowedError { angle_rad, length, eye_offset, pixel } = self.allowed_error;
+        let AllowedError { angle_rad, length, eye_offset, pixel, .. } = self.allowed_error;
         let is_error = |number: f64| number.is_finite() && number >= 0.0;
         if ![angle_rad, length, eye_offset, pixel].into_iter().all(is_error) {
             let got = format!(

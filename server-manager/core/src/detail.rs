@@ -43,8 +43,9 @@ impl Cluster {
     pub(super) fn detail_bound(&mut self) -> DetailBound {
         let resolution_steps = self.rate_bound.resolution_steps(&self.presentation.bounds);
         let error_px = self.rate_bound.in_force_px(&self.presentation.bounds);
+        let follows_rate = self.presentation.bounds.rate_fps.is_some();
         if error_px == 0.0 && self.wall.budget.gpu_mib.is_none() {
-            return DetailBound::default();
+            return DetailBound { follows_rate, ..DetailBound::default() };
         }
         let head = self.presentation.head;
         let views = without_cameras(&self.presentation.all_views());
@@ -55,7 +56,8 @@ impl Cluster {
             self.densities = Some(Densities { head, views, all });
         }
         let densities = self.densities.as_ref().map(|of| of.all.clone());
-        DetailBound { error_px, densities: densities.unwrap_or_default(), resolution_steps }
+        let densities = densities.unwrap_or_default();
+        DetailBound { error_px, densities, resolution_steps, follows_rate }
     }
 
     /// Forgets the densities of a wall that is calibrated anew.

@@ -165,7 +165,12 @@ fn commands() -> Vec<Command> {
             ..Presentation::new(HeadPose::facing_forward(DVec3::new(0.0, 0.1, 0.2), 0.06))
         },
         capture: Some(NonZeroU32::MIN),
-        detail: DetailBound { error_px: 0.5, densities: vec![2000.0, 10.0], resolution_steps: 3 },
+        detail: DetailBound {
+            error_px: 0.5,
+            densities: vec![2000.0, 10.0],
+            resolution_steps: 3,
+            follows_rate: true,
+        },
         clips: vec![ClipTime { clip: 1, time_s: 2.5, weight: 0.5 }],
         is_metered: false,
     };

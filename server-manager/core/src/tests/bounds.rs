@@ -56,7 +56,7 @@ fn frames_carry_the_error_bound_and_what_it_is_in_the_scene() {
         stage.cluster.wall.pixel_density(&View::of_wall(Camera::IDENTITY), &head)
     };
     let densities = vec![density(&stage)];
-    assert_eq!(detail, DetailBound { error_px: 0.5, densities, resolution_steps: 0 });
+    assert_eq!(detail, DetailBound { error_px: 0.5, densities, ..DetailBound::default() });
     // A head that moves sees pixels of another size, and a view has its own.
     stage.request(Request::SetHead(DVec3::new(0.3, 0.0, 0.5).into()));
     stage.request(Request::SetViews(vec![View::of_wall(Camera::IDENTITY)]));
