@@ -269,23 +269,6 @@ impl Cluster {
         self.registry.channel(id).is_some_and(|channel| channel.frames_drawn > WARM_UP_FRAMES)
     }
 
-    /// Scene time of the frame that begins: of one that nobody has ordered, that of the last one.
-    fn time_of(&mut self, order: Option<&FrameRequest>, now: Micros) -> f64 {
-        if self.is_timed(order) || self.frame.0 <= 1 {
-            let given_s = order.and_then(|order| order.time_s);
-            if given_s.is_none() {
-                self.pacer.own_s = now as f64 * 1e-6;
-            }
-            self.time_s = given_s.unwrap_or(self.pacer.own_s);
-        }
-        self.time_s
-    }
-
-    /// Returns whether scene time goes on with a frame: it is asked for, or comes by itself.
-    pub(super) fn is_timed(&self, order: Option<&FrameRequest>) -> bool {
-        order.is_some_and(|order| !order.is_preview) || self.pacer.pace().is_some()
-    }
-
     /// Applies the camera, output mode and test pattern that an order asks for, from this frame on.
     fn take_over(&mut self, order: Option<&FrameRequest>) {
         if let Some(camera) = order.and_then(|order| order.camera) {

@@ -3,6 +3,7 @@
 use polyptych_protocol::request::Pacing;
 use serde::{Deserialize, Serialize};
 
+use super::frame_request::FrameRequest;
 use super::{Cluster, Micros};
 
 /// Maximum time that a request waits for a frame of the wall's own pace. Where that is slower, the
@@ -73,6 +74,25 @@ impl Pacer {
 }
 
 impl Cluster {
+    /// Scene time of the frame that begins: of one that nobody has ordered, that of the last one.
+    pub(super) fn time_of(&mut self, order: Option<&FrameRequest>, now: Micros) -> f64 {
+        if self.is_timed(order) || self.frame.0 <= 1 {
+            let given_s = order.and_then(|order| order.time_s);
+            if given_s.is_none() {
+                self.pacer.own_s = now as f64 * 1e-6;
+            }
+            self.time_s = given_s.unwrap_or(self.pacer.own_s);
+        }
+        self.time_s
+    }
+
+    /// Returns whether scene time goes on with a frame: it is asked for, or comes by itself. What a
+    /// paused wall shows in another output mode, or with a pattern, stays as it was.
+    pub(super) fn is_timed(&self, order: Option<&FrameRequest>) -> bool {
+        let is_asked = |order: &FrameRequest| !order.is_preview && order.wish.is_none();
+        order.is_some_and(is_asked) || self.pacer.pace().is_some()
+    }
+
     /// Lets the wall draw by itself, or not. A pause moves nothing: tours and clips go on from the
     /// last frame on the wall's own clock, which a client may have asked for meanwhile.
     pub(super) fn set_pace(&mut self, pace: Option<Pacing>, now: Micros) {

@@ -2,6 +2,7 @@
 //! the next.
 
 use polyptych_protocol::navigation::Navigation;
+use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::stored_view::StoredView;
 use polyptych_wall::limits::{NAME_BYTES_MAX, STORED_VIEWS_MAX};
 use polyptych_wall::tour::{Tour, TourStop};
@@ -176,6 +177,10 @@ fn a_pause_holds_a_tour_on_the_walls_own_clock() {
     frame_at(&mut stage, 6_500_000, None);
     // A film in the pause has its own times.
     frame_at(&mut stage, 7_000_000, Some(9.0));
+    // What is shown with a pattern has none.
+    stage.now = 30_000_000;
+    stage.request(Request::SetPattern(Some(TestPattern::Grid)));
+    stage.draw(&[0, 1], 0);
     stage.now = 60_000_000;
     stage.frames.clear();
     stage.request(Request::Run(Pacing::Rate(1.0)));
