@@ -23,7 +23,7 @@ pub(crate) struct StoredSession {
 
 impl Entry for StoredSession {
     type Summary = SavedSession;
-    const TABLE: &'static str = "sessions.1";
+    const TABLE: &'static str = "sessions.2";
     const NOUN: &'static str = "session";
 
     fn name_fault(name: &str) -> Option<String> {

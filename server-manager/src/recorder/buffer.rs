@@ -36,6 +36,9 @@ pub(super) struct Buffer {
 struct State {
     pieces: VecDeque<RecordBatch>,
     bytes: usize,
+    /// Of these the bytes of the state with which the segment begins, which may be larger than the
+    /// room for what follows it.
+    beginning_bytes: usize,
     segment: u64,
     /// Bytes of the present segment, heads included.
     segment_bytes: u64,
@@ -54,6 +57,7 @@ impl Buffer {
         let state = State {
             pieces: VecDeque::new(),
             bytes: 0,
+            beginning_bytes: 0,
             segment: next_segment.wrapping_sub(1),
             segment_bytes: 0,
             has_lost: false,
@@ -99,8 +103,8 @@ impl Buffer {
         write(&mut state.record);
         let bytes = state.record.len();
         let segment_bytes = state.segment_bytes + (PIECE_HEAD_BYTES + bytes) as u64;
-        let is_large = bytes as u64 + SEGMENT_MARGIN > self.segment_bytes_max;
-        if is_large && state.segment_bytes == 0 {
+        let is_state = state.segment_bytes == 0;
+        if is_state && bytes as u64 + SEGMENT_MARGIN > self.segment_bytes_max {
             let mib = bytes >> 20;
             state.failure = Some(format!(
                 "nothing is recorded: the state of this wall takes {mib} MiB, more than a part of \
@@ -108,14 +112,15 @@ impl Buffer {
             ));
             return;
         }
-        // One that is larger than the buffer has it for itself.
-        let is_slow = state.bytes > 0 && state.bytes + bytes > BUFFER_BYTES_MAX;
+        let others = state.bytes - state.beginning_bytes;
+        let is_slow = !is_state && others + bytes > BUFFER_BYTES_MAX;
         if is_slow || segment_bytes > self.segment_bytes_max {
             tracing::warn!("the disk is too slow for the recording, which has a gap here");
             state.has_lost = true;
             return;
         }
         state.bytes += bytes;
+        state.beginning_bytes += if is_state { bytes } else { 0 };
         state.segment_bytes += bytes as u64;
         let segment = state.segment;
         let fits =
@@ -142,7 +147,7 @@ impl Buffer {
         if state.is_closed && state.pieces.is_empty() {
             return None;
         }
-        state.bytes = 0;
+        (state.bytes, state.beginning_bytes) = (0, 0);
         Some(std::mem::take(&mut state.pieces))
     }
 
@@ -203,9 +208,10 @@ mod tests {
         buffer.append(|bytes| bytes.resize(BUFFER_BYTES_MAX + 1, 1));
         assert_eq!((buffer.wants_segment(), buffer.failure()), (None, None));
         buffer.append(|bytes| bytes.push(1));
-        assert_eq!(buffer.wants_segment(), None, "the disk has to follow first");
-        assert_eq!(buffer.take(Duration::ZERO).expect("pieces").len(), 1);
-        assert_eq!(buffer.wants_segment(), Some(false));
+        assert_eq!(buffer.wants_segment(), None, "the inputs behind it are kept, too");
+        let pieces = buffer.take(Duration::ZERO).expect("pieces");
+        let bytes: usize = pieces.iter().map(|piece| piece.body.len()).sum();
+        assert_eq!(BUFFER_BYTES_MAX + 2, bytes);
 
         buffer.begin_segment();
         buffer.append(|bytes| bytes.resize(32 << 20, 1));

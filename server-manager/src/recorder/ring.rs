@@ -22,7 +22,7 @@ use polyptych_protocol::limits::PROTOCOL_VERSION;
 use super::Record;
 
 /// The version of the layout above. That of the records changes with the protocol and the program.
-const FORMAT: u16 = 1;
+const FORMAT: u16 = 2;
 
 const MAGIC: [u8; 8] = *b"PLYPREC\0";
 const HEAD_BYTES: usize = 32;
