@@ -344,7 +344,9 @@ impl Threads {
 
         let (render_jobs, stop) = (jobs.clone(), ending.clone());
         let window_reports = reports.clone();
+        let guard = PanicGuard::new("network", &ending, &on_end, ());
         let network = Builder::new().name("network".into()).spawn(move || {
+            let _guard = guard;
             let _server = span.entered();
             let managers = ManagerAddresses::new(&options.manager);
             let network = Network {
@@ -378,19 +380,16 @@ impl Threads {
         let panicked = |thread| ServerError::Panicked { thread };
         let network = self.network.join().map_err(|_| panicked("network"))?;
         let rendered = self.rendered.recv_timeout(RENDER_END_TIME_MAX);
-        if let Some(thread) = self.ending.panicked() {
-            return Err(panicked(thread));
-        }
+        let ended = self.ending.panicked().map_or(network, |thread| Err(panicked(thread)));
         match rendered {
-            Ok(rendered) => rendered.map_err(ServerError::GpuFault)?,
-            Err(RecvTimeoutError::Disconnected) => return Err(panicked("render")),
             Err(RecvTimeoutError::Timeout) => {
-                if let Err(error) = network {
+                if let Err(error) = ended {
                     tracing::error!(%error, "the server ends");
                 }
-                return Err(ServerError::DriverBusy);
+                Err(ServerError::DriverBusy)
             }
+            Err(RecvTimeoutError::Disconnected) => ended.and(Err(panicked("render"))),
+            Ok(rendered) => rendered.map_err(ServerError::GpuFault).and(ended),
         }
-        network
     }
 }
