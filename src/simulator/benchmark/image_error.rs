@@ -41,10 +41,11 @@ pub(super) fn outline_distances(
     cameras: &[Camera],
     bounds_px: &[f64],
 ) -> anyhow::Result<Vec<Vec<f64>>> {
+    let empty = stage.add_empty_node()?;
     let mut distances_px = vec![Vec::with_capacity(cameras.len()); bounds_px.len()];
     for &camera in cameras {
         // A scene may have surroundings, of which each camera sees another part.
-        let background = stage.background(camera)?.rgba;
+        let background = stage.background(camera, empty)?.rgba;
         let mut reference: Option<Coverage> = None;
         for (&bound_px, distances_px) in bounds_px.iter().zip(&mut distances_px) {
             stage.set_error_bound(bound_px)?;

@@ -7,7 +7,8 @@ use std::sync::Arc;
 use anyhow::{Context, bail};
 use glam::DVec3;
 use polyptych_client::{
-    Bounds, Camera, ClientError, FrameFeedback, Image, QualityBounds, SceneSummary, View,
+    Bounds, Camera, ClientError, FrameFeedback, Image, NewNode, NodeId, QualityBounds,
+    SceneSummary, Transaction, View,
 };
 use polyptych_manager::import::Baker;
 use polyptych_wall::Wall;
@@ -102,11 +103,17 @@ impl Stage {
         Camera::look_at(above, above + up, DVec3::Z)
     }
 
-    /// Returns the picture of what this camera sees where nothing of the scene is shown.
-    pub fn background(&self, camera: Camera) -> anyhow::Result<Image> {
-        // No node has this number, so none is shown.
-        let nothing = View { root: Some(u64::MAX), ..View::of_wall(camera) };
-        self.set_views(vec![nothing])?;
+    /// Adds a node that shows nothing to the scene.
+    pub fn add_empty_node(&self) -> anyhow::Result<NodeId> {
+        let mut adding = Transaction::default();
+        adding.create(NewNode::default());
+        let added = unless_ended(&self.local, self.local.client.commit(adding))?;
+        added.created.first().copied().context("the manager has made no node")
+    }
+
+    /// Returns the picture of what this camera sees where the scene shows only an empty node.
+    pub fn background(&self, camera: Camera, empty: NodeId) -> anyhow::Result<Image> {
+        self.set_views(vec![View { root: Some(empty.0), ..View::of_wall(camera) }])?;
         let picture = self.picture(camera)?;
         self.set_views(Vec::new())?;
         Ok(picture)

@@ -77,7 +77,7 @@ fn pictures_are_those_of_the_command() {
     let corner = image::imageops::crop_imm(&shot, 0, 136, 240, 136).to_image();
     assert!(Difference::of(&tile, &corner).holds(&IDENTICAL), "a tile");
     page.ask("GET", "/wall.png?width=0", None).refused(400, "1 or more");
-    page.ask("GET", "/wall.png?width=-5", None).refused(400, "is a number");
+    page.ask("GET", "/wall.png?width=-5", None).refused(400, "is a whole number");
     page.ask("GET", "/wall.png?size=5", None).refused(400, "there is no parameter");
     page.ask("GET", "/wall.png?time_s=inf", None).refused(422, "finite");
 }
