@@ -14,7 +14,7 @@ use super::equirect::Equirect;
 /// The direction of the sun where no light of the scene gives one: that of the sun which shines in
 /// scenes without lights, 49° high.
 pub fn default_sun() -> DVec3 {
-    DEFAULT_SUN_TOWARD.as_dvec3()
+    DEFAULT_SUN_TOWARD.as_dvec3().normalize()
 }
 
 /// Minimum height of the sun, as the sine of 3°: the model has no dusk.
