@@ -109,9 +109,9 @@ fn what_glass_lets_through_glows_and_nothing_else() {
         lights(&stage.build(), 1, &glow).iter().sum::<f64>()
     };
     let open: f64 = lights(&cards(&[lamp()]), 1, &glow).iter().sum();
-    let [dark, clear, hidden] = [pane(0.0), pane(1.0), matt(0.0, 0.0, 0.0)].map(near);
-    println!("{open} of light, {dark} behind dark glass, {clear} behind clear, {hidden} hidden");
-    assert!((dark - hidden).abs() < open * 1e-3, "{dark} behind glass, {hidden} behind a card");
+    let [dark, clear] = [0.0, 1.0].map(|color| near(pane(color)));
+    println!("{open} of light, {dark} behind dark glass, {clear} behind clear glass");
+    assert!(dark < open * 1e-3, "{dark} behind dark glass");
     assert!((clear / open - 1.0).abs() < 0.02, "{clear} behind clear glass, {open} without");
 }
 
