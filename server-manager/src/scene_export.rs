@@ -28,13 +28,12 @@ use polyptych_scene::glb::{
     quoted,
 };
 use polyptych_scene::{
-    AssetManifests, IndexFormat, NodeId, NodeStyle, Primitive, Scene, SceneEdits, Topology,
-    VertexLayout,
+    AssetManifests, IndexFormat, NodeId, NodeStyle, Primitive, Scene, SceneEdits, VertexLayout,
 };
 use polyptych_text::counted;
 
 use crate::import::read_scene;
-use description::{NodeJson, light_json, sampler_json};
+use description::{NodeJson, left_out, light_json, mode, sampler_json};
 use finest_level::FinestLevel;
 use picture::png;
 
@@ -58,9 +57,11 @@ pub fn write(
         added.insert(set.manifest, Arc::new(read_scene(store, set.manifest)?));
     }
     let (whole, ids) = scene.edits.apply_with_hidden(&base, &added);
+    let notes = left_out(&base);
     drop((base, added));
     let binary = tempfile::tempfile_in(folder).map_err(cannot)?;
-    let mut writer = SceneWriter::new(&whole, store, BufWriter::new(binary), step);
+    let binary = BufWriter::new(binary);
+    let mut writer = SceneWriter { notes, ..SceneWriter::new(&whole, store, binary, step) };
     let written = writer.write(&ids, &scene.edits).and_then(|lists| {
         let (notes, file) = (std::mem::take(&mut writer.notes), writer.file);
         let (head, binary) = lists.finish(file)?;
@@ -149,7 +150,7 @@ struct SceneWriter<'a> {
     total: u64,
     notes: Vec<String>,
     /// Attributes and indices of primitives that are in the file.
-    geometry: BTreeMap<(BlobHash, VertexLayout, u32), String>,
+    geometry: BTreeMap<(BlobHash, VertexLayout, u32, u8), String>,
 }
 
 impl<'a> SceneWriter<'a> {
@@ -313,7 +314,8 @@ impl<'a> SceneWriter<'a> {
 
     /// Copies the vertices and indices of a primitive; returns the members that describe them.
     fn geometry(&mut self, of: &Primitive) -> Result<String, ExportError> {
-        let key = (of.blob, of.layout, of.vertex_count);
+        let mode = mode(of.topology);
+        let key = (of.blob, of.layout, of.vertex_count, mode);
         if let Some(known) = self.geometry.get(&key) {
             return Ok(known.clone());
         }
@@ -353,11 +355,6 @@ impl<'a> SceneWriter<'a> {
         let count = of.index_count;
         let indices = AccessorDesc { view, offset: 0, component, count, width: 1, bounds: None };
         let indices = self.file.accessor(&indices);
-        let mode = match of.topology {
-            Topology::Points => 0,
-            Topology::Lines => 1,
-            Topology::Triangles => 4,
-        };
         let attributes = attributes.join(",");
         let json = format!(r#""attributes":{{{attributes}}},"indices":{indices},"mode":{mode}"#);
         self.geometry.insert(key, json.clone());

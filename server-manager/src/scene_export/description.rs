@@ -7,7 +7,33 @@ use std::io::{self, Write};
 
 use glam::{DAffine3, DMat3, DMat4};
 use polyptych_scene::glb::{GlbWriter, quoted};
-use polyptych_scene::{Attribute, Filter, Instance, Light, LightKind, MipFilter, Sampler, Wrap};
+use polyptych_scene::{
+    Attribute, Filter, Instance, Light, LightKind, MipFilter, Sampler, Scene, Topology, Wrap,
+};
+use polyptych_text::counted;
+
+/// Notes of what moves in a scene, which a file does not have.
+pub(super) fn left_out(scene: &Scene) -> Vec<String> {
+    let mut notes = Vec::new();
+    if !scene.animations.clips.is_empty() {
+        let clips = counted(scene.animations.clips.len() as u64, "clip");
+        notes.push(format!("animations are not in the file: {clips}"));
+    }
+    if !scene.deformations.is_empty() {
+        let note = "what skins and morph targets bend is in the file as it stands without them";
+        notes.push(note.to_owned());
+    }
+    notes
+}
+
+/// The number of a topology.
+pub(super) fn mode(of: Topology) -> u8 {
+    match of {
+        Topology::Points => 0,
+        Topology::Lines => 1,
+        Topology::Triangles => 4,
+    }
+}
 
 /// A node of the file.
 #[derive(Clone, Debug, Default)]

@@ -2,7 +2,7 @@
 
 use glam::{Quat, Vec3};
 use polyptych_protocol::state_log::SceneRef;
-use polyptych_scene::{Edit, Instance, Mesh, NewNode, Node};
+use polyptych_scene::{Clip, Edit, Instance, Mesh, NewNode, Node, Topology};
 use serde_json::{Value, json};
 
 use super::*;
@@ -116,6 +116,25 @@ fn vertices_with_a_zero_of_their_own_hang_from_their_node() {
     assert!((DVec3::new(found[12], found[13], found[14]) - expected).length() < 1e-6);
     assert_eq!(nodes[3]["matrix"], nodes[4]["matrix"]);
     assert_eq!(json["accessors"].as_array().map(Vec::len), Some(3), "one blob, once");
+}
+
+#[test]
+fn what_moves_is_told_and_points_are_no_triangles_of_the_same_bytes() {
+    let stored = Stored::new(
+        |store| {
+            let solid = triangle(store, DVec3::ZERO);
+            let points = Primitive { topology: Topology::Points, ..solid.clone() };
+            let mesh = Mesh { name: "m".into(), primitives: vec![solid, points] };
+            let mut scene = scene(vec![mesh], vec![Node { mesh: Some(0), ..Node::default() }]);
+            scene.animations.clips.push(Clip { name: "wave".into(), channels: Vec::new() });
+            scene
+        },
+        [],
+    );
+    let (about, _) = stored.write().expect("written");
+    assert_eq!(about.notes, ["animations are not in the file: 1 clip"]);
+    let modes = [0, 1].map(|at| stored.json()["meshes"][0]["primitives"][at]["mode"].clone());
+    assert_eq!(modes, [4, 0]);
 }
 
 #[test]
