@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// A node that the camera follows, and where the camera is to it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Follow {
     /// The node.
     pub node: NodeId,

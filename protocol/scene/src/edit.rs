@@ -104,6 +104,7 @@ pub enum Attribute {
 
 /// A node as it is made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct NewNode {
     /// The node that it hangs from; `None` for the scene itself.
     pub parent: Option<NodeId>,
@@ -127,6 +128,7 @@ impl Default for NewNode {
 
 /// One change of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub enum Edit {
     /// Makes a node.
     Create {

@@ -12,6 +12,7 @@ const LIMIT_SHARE: f64 = 0.05;
 
 /// A fog that fills the world, evenly or in a layer over the ground.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Fog {
     /// World units through which 5 % of the light pass, at `height`: the meteorological optical
     /// range. Above 0.

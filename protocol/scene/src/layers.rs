@@ -92,6 +92,7 @@ impl Layers {
 /// The part of a scene that a view shows. Lights outside of it shine into it, but for those of
 /// layers that it does not show.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct SceneSubset {
     /// Only what hangs from this node is shown, the node itself among it; all if `None`, nothing if
     /// there is no such node.

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 /// The way in which a node, with all that hangs from it, is drawn. `None` is as of the node above,
 /// of nodes that hang from the scene itself solid, as its material says, without a highlight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct NodeStyle {
     /// The part of meshes that is drawn.
     pub fill: Option<Fill>,

@@ -209,6 +209,8 @@ mod tests {
             (r#"{"FindNodes": {"nam": "arm", "skip": 0, "count": 1}}"#, "nam"),
             (r#"{"NearestPoint": {"point": [0, 0, 0], "with": 1}}"#, "with"),
             (r#"{"SetHead": {"position": [0, 0, 0], "turn": null}}"#, "turn"),
+            (r#"{"SetFog": {"visibility": 9, "height": 0, "half_hight": 3}}"#, "half_hight"),
+            (r#"{"FollowNode": {"node": 3, "cam": null}}"#, "cam"),
             (views.as_str(), "layer"),
         ] {
             let refused = parse::<Request>(text.as_bytes()).expect_err(text).reason;
