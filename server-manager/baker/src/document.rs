@@ -372,9 +372,25 @@ pub(super) struct BufferExtensions {
 }
 
 impl BufferExtensions {
-    /// Returns whether it stands for bytes that views are unpacked to.
-    pub(super) fn is_for_unpacked(&self) -> bool {
+    /// Returns whether it says that it stands for bytes that views are unpacked to.
+    fn is_for_unpacked(&self) -> bool {
         self.ext_meshopt.is_some() || self.khr_meshopt.is_some()
+    }
+}
+
+impl Document {
+    /// Returns whether a buffer stands for bytes that views are unpacked to: it may say so, and all
+    /// of its views are compressed, in other buffers.
+    pub(super) fn is_for_unpacked(&self, buffer: u32) -> bool {
+        let says_so = |of: &Buffer| of.extensions.is_for_unpacked();
+        if self.buffers.get(buffer as usize).is_some_and(says_so) {
+            return true;
+        }
+        let mut views = self.buffer_views.iter().filter(|view| view.buffer == buffer).peekable();
+        let mut streams = self.buffer_views.iter().filter_map(|view| view.extensions.meshopt());
+        views.peek().is_some()
+            && views.all(|view| view.extensions.meshopt().is_some())
+            && streams.all(|(_, stream)| stream.buffer != buffer)
     }
 }
 

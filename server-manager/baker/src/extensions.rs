@@ -15,14 +15,17 @@ const NAMES_MAX: usize = 256;
 
 /// Extensions that are not read and of which nothing can be seen, and those of which other notes
 /// say what is missing: bytes and images that are stored in another way, and what moves.
-const SAID_ELSEWHERE: [&str; 18] = [
+const SAID_ELSEWHERE: [&str; 21] = [
     "EXT_instance_features",
     "EXT_mesh_features",
+    "EXT_mesh_manifold",
     "EXT_mesh_primitive_restart",
     "EXT_meshopt_compression",
     "EXT_structural_metadata",
     "EXT_texture_avif",
     "EXT_texture_webp",
+    "FB_geometry_metadata",
+    "GODOT_single_root",
     "KHR_audio_emitter",
     "KHR_draco_mesh_compression",
     "KHR_meshopt_compression",

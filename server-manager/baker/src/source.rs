@@ -95,11 +95,19 @@ impl GltfSource {
     ) -> Result<(), BakeError> {
         for (i, buffer) in self.document.buffers.iter().enumerate() {
             let place = format!("buffers[{i}]");
+            let is_for_unpacked = self.document.is_for_unpacked(i as u32);
             let bytes = match &buffer.uri {
                 Some(uri) => match uri::parse(uri, &place)? {
                     UriTarget::Data(bytes) => bytes,
                     UriTarget::Path(path) => {
-                        let path = resolve(folder, &path, uri, &place)?;
+                        let path = match resolve(folder, &path, uri, &place) {
+                            // Without it all of its views are unpacked.
+                            Err(_) if is_for_unpacked => {
+                                self.buffers.push(Vec::new());
+                                continue;
+                            }
+                            path => path?,
+                        };
                         let bytes = read(&path, FILE_BYTES_MAX, &place, cancel)?;
                         digest.update(BlobHash::of(&bytes).0.as_slice());
                         self.bytes += bytes.len() as u64;
@@ -107,7 +115,7 @@ impl GltfSource {
                     }
                 },
                 None if i == 0 && chunk.is_some() => chunk.take().unwrap_or_default(),
-                None if buffer.extensions.is_for_unpacked() => {
+                None if is_for_unpacked => {
                     self.buffers.push(Vec::new());
                     continue;
                 }

@@ -107,7 +107,13 @@ fn views_of_meshoptimizer_are_the_triangles_of_the_plain_file() {
     let expected = triangles(&plain());
     assert_eq!(expected.len(), indices().len() / 3);
     for mode in ["TRIANGLES", "INDICES"] {
-        assert_eq!(triangles(&meshopt_grid(mode)), expected, "{mode}");
+        let mut grid = meshopt_grid(mode);
+        assert_eq!(triangles(&grid), expected, "{mode}");
+        // The tag of the buffer that views are unpacked to is optional, and so is its file.
+        grid.json["buffers"][1]["uri"] = json!("fallback.bin");
+        assert_eq!(triangles(&grid), expected, "{mode} without the file");
+        grid.json["buffers"][1] = json!({ "byteLength": 100_000 });
+        assert_eq!(triangles(&grid), expected, "{mode} without the tag");
     }
 }
 
