@@ -9,9 +9,10 @@ use polyptych_wall_file::check_report::CheckReport;
 
 use super::surroundings::LookArguments;
 use super::{bake_files, load_wall, log_file_warnings, manager, say, simulate};
+use crate::simulator::local_wall::{INTERRUPTED, is_interrupted};
 use crate::simulator::look::Brightness;
 use crate::simulator::verify::{self, ProofPage, Walls};
-use crate::{outputs, wall_drawing};
+use crate::{logging, outputs, wall_drawing};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -53,12 +54,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     let shown = simulate::shown(arguments.scene.as_deref())?;
     let scene = shown.file.display().to_string();
-    let verify::Proof { table, pictures } = verify::verify(
-        Walls { drawn: &wall, built: built.as_ref() },
-        (shown, look),
-        &baker,
-        &arguments.out,
-    )?;
+    let walls = Walls { drawn: &wall, built: built.as_ref() };
+    let proven = verify::verify(walls, (shown, look), &baker, &arguments.out);
+    if proven.is_err() && is_interrupted() {
+        logging::say_failure("prove", "interrupted");
+        return Ok(ExitCode::from(INTERRUPTED));
+    }
+    let verify::Proof { table, pictures } = proven?;
     if let Some(file) = &arguments.html {
         let shaped = ResolvedWall { wall: &wall, shapes: &files.shapes };
         let drawing = wall_drawing::svg(shaped, &CheckReport::with_files(shaped, &files.maps));

@@ -17,7 +17,7 @@ use polyptych_files::blob::BlobStore;
 use polyptych_manager::import::{Baker, read_wall_files};
 use polyptych_text::counted;
 use polyptych_wall::wall_geometry::{ResolvedWall, WallGeometry};
-use polyptych_wall::{Channel, Wall};
+use polyptych_wall::{Channel, MemoryBudget, Wall};
 use proof_page::ProofPictures;
 use verification_report::VerificationReport;
 
@@ -131,7 +131,8 @@ impl Walls<'_> {
             bail!("the wall has {}, and as built {}; give both the same", counts[0], counts[1]);
         }
         for (a, b) in drawn.iter().zip(built) {
-            if (&a.name, a.display_size()) != (&b.name, b.display_size()) {
+            let shape = |of: &Channel| (of.name.clone(), of.size, of.display_size());
+            if shape(a) != shape(b) {
                 let text = |channel: &Channel| {
                     format!("{} of {} pixels", channel.name, channel.display_size())
                 };
@@ -166,7 +167,8 @@ impl Verifier<'_> {
     fn start(&self, wall: &Wall) -> anyhow::Result<LocalWall> {
         let root = self.shown.file.parent().unwrap_or(Path::new("/")).to_owned();
         LocalWall::start(LocalWallOptions {
-            wall: wall.clone(),
+            // A budget leaves out detail, more of it on the wall than on one channel.
+            wall: Wall { budget: MemoryBudget::default(), ..wall.clone() },
             scene_roots: [root, self.folder.clone()]
                 .into_iter()
                 .chain(self.look.folder())

@@ -168,10 +168,9 @@ pub(super) fn is_warped(wall: &Wall, channel: &Channel) -> bool {
 
 /// Nine for each channel, but for those that would lie over others.
 fn markers(wall: &Wall, seen: &[ChannelView<'_>]) -> Vec<Marker> {
-    // Both eyes see a marker at one place only where it lies on the screen; of those all around it
-    // is known how far apart they see it.
-    let is_around = seen.iter().all(|s| matches!(s.eye, Viewpoint::Around(_)));
-    let is_mono = is_around || seen.iter().all(|s| s.eye == Viewpoint::Fixed(wall.eye));
+    // Both eyes see a marker at one place only where it lies on the screen; elsewhere it is known
+    // how far apart they see it.
+    let is_mono = seen.iter().all(|s| s.eye == Viewpoint::Fixed(wall.eye));
     let mut markers: Vec<(Marker, DVec3, f64)> = Vec::new();
     for (index, channel) in seen.iter().enumerate() {
         let size = wall.channels[usize::from(channel.id.0)].size.as_dvec2();
@@ -179,7 +178,7 @@ fn markers(wall: &Wall, seen: &[ChannelView<'_>]) -> Vec<Marker> {
         for place in 0..9 {
             let share = DVec2::new(f64::from(place % 3), f64::from(place / 3)) / 2.0;
             let pixel = inset + (size - inset * 2.0) * share;
-            let depth = if is_mono { DEPTHS[(index + place as usize) % DEPTHS.len()] } else { 1.0 };
+            let depth = DEPTHS[(index + place as usize) % DEPTHS.len()];
             let of = (channel.id, &channel.map);
             // Where a file leaves margins dark, nearer to the middle.
             let nearer = |pull: u32| {
@@ -190,13 +189,13 @@ fn markers(wall: &Wall, seen: &[ChannelView<'_>]) -> Vec<Marker> {
                 if needed <= 1.0 {
                     return Some(marker);
                 }
-                let further = || Marker::at(of, channel.eye, pixel, channel.half, depth * needed);
-                if is_mono { further() } else { None }
+                Marker::at(of, channel.eye, pixel, channel.half, depth * needed)
             };
             let Some(marker) = (0..PULLS).find_map(nearer) else { continue };
-            let (toward, mut radius) = marker.cone(channel.eye.middle());
-            if is_around && !marker.is_on_screen {
-                radius += wall.eye_separation_m / marker.distance_m(channel.eye.middle());
+            // From one point for all: that between the eyes.
+            let (toward, mut radius) = marker.cone(wall.eye);
+            if !is_mono && !marker.is_on_screen {
+                radius += wall.eye_separation_m / marker.distance_m(wall.eye);
             }
             let is_free = |(_, other, other_radius): &(_, DVec3, f64)| {
                 toward.distance(*other) > radius + other_radius

@@ -5,6 +5,7 @@ use std::path::Path;
 use glam::{DMat2, DVec2, DVec3};
 use polyptych_client::blocking::Client;
 use polyptych_client::{Camera, Capture};
+use polyptych_wall::limits::VIEWS_MAX;
 use polyptych_wall::view::{Area, View, ViewProjection};
 use polyptych_wall::wall_geometry::ResolvedWall;
 use polyptych_wall::{Screen, Surface};
@@ -14,6 +15,9 @@ use super::light::{self, Drawn};
 use super::marker::{self, LuminanceImage, Marker, Ray, Reading};
 use super::verification_report::{Bound, VerificationReport};
 use crate::outputs;
+
+/// What is measured.
+const WHAT: &str = "points in views of their own";
 
 /// Maximum distance of a point of a view from where f64 places it, in pixels.
 const ERROR_MAX_PX: f64 = 0.05;
@@ -67,7 +71,22 @@ pub(super) fn prove(
     let seen = geometry::channels(shaped);
     let is_shown = |at: u16| seen.iter().any(|of| wall.channels[usize::from(of.id.0)].screen == at);
     let screens = (0..).zip(&wall.screens).filter(|(at, _)| is_shown(*at));
-    let laid: Vec<Laid> = screens.map(|(at, screen)| Laid::new(at, screen, wall.near_m)).collect();
+    let mut laid = Vec::new();
+    for (at, screen) in screens {
+        let one = Laid::new(at, screen, wall.near_m);
+        // The wall's own view is one, too.
+        let fault = if laid.len() + 1 < VIEWS_MAX {
+            drawn.wall.check_views(&[one.view()]).err().map(|error| error.to_string())
+        } else {
+            Some(format!("a wall has {VIEWS_MAX} views at most"))
+        };
+        match fault {
+            Some(fault) => {
+                table.add_unmeasured(format!("{WHAT} on screen {}", screen.name), None, fault);
+            }
+            None => laid.push(one),
+        }
+    }
     if laid.is_empty() {
         return Ok(());
     }
@@ -92,16 +111,15 @@ pub(super) fn prove(
             errors.extend(laid.errors(channel, &light));
         }
     }
-    let what = "points in views of their own";
     let target = Some(Bound::AtMost(ERROR_MAX_PX));
     if errors.is_empty() {
         let why = "no channel shows the whole of a marker with enough light";
-        table.add_unmeasured(what, None, why);
+        table.add_unmeasured(WHAT, None, why);
         return Ok(());
     }
     let count = errors.len();
     let (error, place) = worst(errors.into_iter());
-    table.add(what, error, "px", target, format!("{place} ({count} readings)"));
+    table.add(WHAT, error, "px", target, format!("{place} ({count} readings)"));
     Ok(())
 }
 
