@@ -276,8 +276,14 @@ fn drive(
     let ending = local.end.ending();
     let statistics = client.statistics(false)?;
     let (faults, faults_unrecorded) = faults.finish();
-    // Of the moment that the last frame showed.
-    let capture = client.capture_at(Some(time_s))?;
+    let mut report = RunReport::new(&wall.name, &summary, statistics.clone());
+    report.ended = ending.into();
+    report.restarts = local.restarts();
+    report.faults = faults;
+    report.faults_unrecorded = faults_unrecorded;
+    // Of the moment that the last frame showed. It may be refused, and what was measured stays.
+    outputs::write(&arguments.out.join(REPORT), &serde_json::to_vec_pretty(&report)?)?;
+    let capture = client.capture_at(Some(time_s)).context("the run has no picture")?;
     for picture in &capture.channels {
         let path = arguments.out.join(channel_file(&picture.name));
         image_files::save_png(&path, &image_files::to_image(picture)?)?;
@@ -294,12 +300,7 @@ fn drive(
         image_files::save(picture, &whole, arguments.is_picture_halved)?;
     }
     let seen = Seen::in_pictures(&capture).and_never_shown(&statistics);
-    let mut report = RunReport::new(&wall.name, &summary, statistics);
-    report.ended = ending.into();
-    report.restarts = local.restarts();
     report.missing = capture.missing;
-    report.faults = faults;
-    report.faults_unrecorded = faults_unrecorded;
     outputs::write(&arguments.out.join(REPORT), &serde_json::to_vec_pretty(&report)?)?;
     let page = run_page::page(wall, &report, &series, &whole)?;
     outputs::write(&arguments.out.join(REPORT_PAGE), page.as_bytes())?;

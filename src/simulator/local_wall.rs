@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -324,19 +324,52 @@ fn on_line(end: &Arc<EndRequest>) -> OnLine {
     })
 }
 
+/// The work of this process on walls, and what a Ctrl-C does to it: one watcher for all walls, of
+/// which a benchmark starts hundreds.
+#[derive(Debug, Default)]
+struct InterruptWatch {
+    is_running: bool,
+    is_interrupted: bool,
+    /// Requests to end of work that goes on, with the folder of its wall.
+    work: Vec<(Weak<EndRequest>, PathBuf)>,
+}
+
+static INTERRUPTS: Mutex<InterruptWatch> =
+    Mutex::new(InterruptWatch { is_running: false, is_interrupted: false, work: Vec::new() });
+
+fn interrupts() -> MutexGuard<'static, InterruptWatch> {
+    INTERRUPTS.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Asks the work to end at the first Ctrl-C or SIGTERM, and ends this process at the second.
 fn end_on_interrupt(end: &Arc<EndRequest>, folder: &Path) -> anyhow::Result<()> {
-    let (end, folder) = (Arc::clone(end), folder.to_owned());
-    let mut is_second = false;
-    let on_request = move || {
-        if !std::mem::replace(&mut is_second, true) {
-            return end.request(Ending::Interrupted);
-        }
-        logging::say_failure("simulate", "interrupted again: ending at once");
-        logging::finish();
-        // The token is in it. Children end when their standard input does.
-        let _ = std::fs::remove_dir_all(&folder);
-        std::process::exit(i32::from(INTERRUPTED));
-    };
-    Ok(watch_shutdown_signals(false, on_request)?)
+    let mut watch = interrupts();
+    watch.work.retain(|(end, _)| end.strong_count() > 0);
+    watch.work.push((Arc::downgrade(end), folder.to_owned()));
+    if !watch.is_running {
+        watch_shutdown_signals(false, interrupt)?;
+        watch.is_running = true;
+    }
+    Ok(())
+}
+
+/// Returns whether the user has asked all work on walls to end.
+pub(crate) fn is_interrupted() -> bool {
+    interrupts().is_interrupted
+}
+
+fn interrupt() {
+    let mut watch = interrupts();
+    if !std::mem::replace(&mut watch.is_interrupted, true) {
+        let work = watch.work.iter().filter_map(|(end, _)| end.upgrade());
+        work.for_each(|end| end.request(Ending::Interrupted));
+        return;
+    }
+    logging::say_failure("simulate", "interrupted again: ending at once");
+    logging::finish();
+    // The token is in it. Children end when their standard input does.
+    for (_, folder) in &watch.work {
+        let _ = std::fs::remove_dir_all(folder);
+    }
+    std::process::exit(i32::from(INTERRUPTED));
 }

@@ -80,7 +80,11 @@ impl PeerKit {
         let out = self.out.join(index.to_string());
         crate::outputs::make_folder(&self.out)?;
         crate::outputs::make_folder(&out)?;
-        let messages = out.join("messages.log");
+        let (messages, runs) = (out.join("messages.log"), out.join("runs.jsonl"));
+        // A kit may add its lines to those of another day.
+        if runs.exists() {
+            std::fs::remove_file(&runs).with_context(|| runs.display().to_string())?;
+        }
         crate::outputs::check(&messages)?;
         let log = File::create(&messages).with_context(|| messages.display().to_string())?;
         let [width, height] = options.size;
@@ -103,7 +107,6 @@ impl PeerKit {
         if !ended.success() {
             bail!("{} ended ({ended}); see {}", self.program.display(), messages.display());
         }
-        let runs = out.join("runs.jsonl");
         let text = std::fs::read_to_string(&runs).with_context(|| runs.display().to_string())?;
         reports(&text).with_context(|| runs.display().to_string())
     }
