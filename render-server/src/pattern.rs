@@ -35,6 +35,7 @@ const BLACK: [u8; 3] = [0; 3];
 /// There is no such channel, or its pins leave no picture.
 fn picture(
     shaped: ResolvedWall<'_>,
+    maps: &CalibrationMaps,
     id: ChannelId,
     pattern: TestPattern,
     eye: DVec3,
@@ -68,7 +69,7 @@ fn picture(
         TestPattern::Crosshair => canvas::crosshair(wall, screen, &places, eye),
         TestPattern::Overlap => diagnostic::overlap(shaped, id, &places),
         TestPattern::Density => diagnostic::density(channel, &map, eye),
-        TestPattern::Weights => diagnostic::weights(shaped, id),
+        TestPattern::Weights => diagnostic::weights(shaped, maps, id),
         TestPattern::Ramp => display::ramp(channel.size),
         TestPattern::ColorBars => display::color_bars(channel.size),
         TestPattern::Focus => display::focus_chart(channel.size),
@@ -90,7 +91,7 @@ pub(crate) fn draw_pattern<'a>(
     (eye, mark): (DVec3, Option<MarkedPoint>),
 ) -> Result<RgbaImage, String> {
     let shaped = of.into();
-    let mut upright = picture(shaped, id, pattern, eye)?;
+    let mut upright = picture(shaped, maps, id, pattern, eye)?;
     let channel = shaped.wall.channel(id).ok_or("the channel is not on the wall any more")?;
     if !pattern.bypasses_color() {
         diagnostic::apply_blend(&mut upright, shaped, maps, id);

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3, UVec2};
 use image::{Rgba, RgbaImage};
 use polyptych_renderer::{Label, LabelPosition};
-use polyptych_wall::blend::{self, BlendModel, ChannelMasks};
+use polyptych_wall::blend::BlendModel;
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::channel_mapping::ChannelMapping;
 use polyptych_wall::color::linear_from_srgb;
@@ -107,22 +107,26 @@ pub(super) fn overlap(
     image
 }
 
-/// The channel's share of the light, as its display shows it: on a wall that is right, all of them
-/// together are white.
-pub(super) fn weights(shaped: ResolvedWall<'_>, id: ChannelId) -> RgbaImage {
+/// The channel's share of the light, by its weights and masks, as its display shows it: on a wall
+/// that is right, all of them together are white.
+pub(super) fn weights(
+    shaped: ResolvedWall<'_>,
+    maps: &CalibrationMaps,
+    id: ChannelId,
+) -> RgbaImage {
     let Some(channel) = shaped.wall.channel(id) else { return RgbaImage::default() };
-    // The weights alone, whatever else the light is changed by.
+    // The shares alone, whatever else the light is changed by.
     let mut wall = shaped.wall.clone();
     wall.blend.leak = 0.0;
     wall.channels.iter_mut().for_each(|channel| channel.adjustment.color.leak = None);
     let unleaking = ResolvedWall { wall: &wall, shapes: shaped.shapes };
-    let map = blend::blend_map(unleaking, id, &ChannelMasks::default());
+    let map = light_map(unleaking, &BlendModel::new(unleaking), maps, id);
     let curve = &channel.adjustment.color.curve;
-    let mut last = (f64::NAN, opaque(BLACK));
+    let mut last = (DVec3::NAN, opaque(BLACK));
     RgbaImage::from_fn(channel.size.x, channel.size.y, |x, y| {
-        let weight = map.as_ref().map_or(1.0, |map| map.texel(x, y, 0)[0]);
-        if weight != last.0 {
-            last = (weight, codes(curve.encode(DVec3::splat(weight))));
+        let share = map.as_ref().map_or(DVec3::ONE, |map| map.light_at(x, y)[0]);
+        if share != last.0 {
+            last = (share, codes(curve.encode(share)));
         }
         last.1
     })

@@ -62,7 +62,9 @@ fn projectors() -> Wall {
 }
 
 fn draw(wall: &Wall, channel: u16, pattern: TestPattern) -> RgbaImage {
-    let image = picture(wall.into(), ChannelId(channel), pattern, wall.eye).expect("a picture");
+    let image =
+        picture(wall.into(), &CalibrationMaps::default(), ChannelId(channel), pattern, wall.eye)
+            .expect("a picture");
     assert_eq!(image.dimensions(), SIZE.into());
     image
 }
