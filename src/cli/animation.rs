@@ -35,7 +35,7 @@ pub(super) struct PlayArguments {
     #[arg(long)]
     once: bool,
     /// Begin anew at the end, as is done unless told otherwise
-    #[arg(long, name = "loop", conflicts_with = "once")]
+    #[arg(long = "loop", conflicts_with = "once")]
     is_loop: bool,
     /// Leave a paused wall paused
     #[arg(long)]

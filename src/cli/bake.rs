@@ -127,7 +127,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let is_drawn_otherwise = |note: &&String| !note.starts_with(OVERVIEW_NOTE);
     let of_picture = || baked.warnings.iter().filter(is_drawn_otherwise);
     if let Some(first) = of_picture().next().filter(|_| arguments.strict) {
-        say_notes(&baked.warnings)?;
+        if arguments.json {
+            say_json(&baked, None)?;
+        } else {
+            say_notes(&baked.warnings)?;
+        }
         let (file, notes) = (arguments.file.display(), counted(of_picture().count(), "note"));
         bail!("{file} would not be drawn as it is, which --strict asks for; {notes}: {first}");
     }

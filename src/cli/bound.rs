@@ -1,8 +1,10 @@
 //! `polyptych bound`: bounds the error and the rate of a running wall's pictures.
 
+use std::process::ExitCode;
+
 use polyptych_client::QualityBounds;
 
-use super::{ManagerAddress, say};
+use super::{ManagerAddress, say, seen};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -43,26 +45,28 @@ pub(super) fn rate_fps(text: &str) -> Result<f64, String> {
 }
 
 /// Sets the bounds that are given, keeps the others, and says which hold.
-pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     let before = client.presentation()?.bounds;
     let BoundArguments { error, rate } = arguments.bounds;
     let kept = if arguments.no_rate { None } else { before.rate_fps };
     let bounds =
         QualityBounds { error_px: error.unwrap_or(before.error_px), rate_fps: rate.or(kept) };
-    if bounds != before {
+    let is_changed = bounds != before;
+    if is_changed {
         client.set_bounds(bounds)?;
     }
     let status = client.status()?;
     let (in_force_px, scale) = (status.error_in_force_px, status.resolution_scale);
     if arguments.json {
         let QualityBounds { error_px, rate_fps } = bounds;
-        return say(serde_json::json!({
+        say(serde_json::json!({
             "error_bound_px": error_px,
             "rate_bound_fps": rate_fps,
             "error_in_force_px": in_force_px,
             "resolution_scale": scale,
-        }));
+        }))?;
+        return seen::conclude(&client, is_changed);
     }
     let rate = match bounds.rate_fps {
         Some(rate) => format!("at least {rate} frames per second"),
@@ -76,5 +80,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     say(format_args!(
         "an error of at most {} pixels, {rate}; in force: {in_force_px:.2} pixels{resolution}",
         bounds.error_px
-    ))
+    ))?;
+    seen::conclude(&client, is_changed)
 }

@@ -13,7 +13,7 @@ use serde_json::json;
 
 use super::node::node_by_name;
 use super::remote::{numbers, point, positive};
-use super::seen::show;
+use super::seen::{conclude, show};
 use super::stored_view::TOUR_PACE;
 use super::{ManagerAddress, say};
 
@@ -192,7 +192,7 @@ fn walk(arguments: &WalkArguments) -> anyhow::Result<ExitCode> {
     } else {
         say(format_args!("{length:.2} units, {:.1} s: {end}", length / arguments.speed))?;
     }
-    Ok(ExitCode::SUCCESS)
+    conclude(&client, true)
 }
 
 /// Lets the camera go a way; a wall that is paused runs from now on.

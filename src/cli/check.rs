@@ -30,7 +30,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             let files = if wall.files.is_empty() {
                 WallFiles::default()
             } else {
-                bake_files(&mut wall, &arguments.wall, &manager::default_baker()?)?
+                let baker = manager::default_baker();
+                let baked = baker.and_then(|of| bake_files(&mut wall, &arguments.wall, &of));
+                match baked {
+                    Err(error) if arguments.json => return refuse_in_json(arguments, &error),
+                    baked => baked?,
+                }
             };
             let shaped = ResolvedWall { wall: &wall, shapes: &files.shapes };
             let mut table = CheckReport::with_files(shaped, &files.maps);
@@ -59,4 +64,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
         Err(error) => Err(anyhow::anyhow!("{error}")),
     }
+}
+
+/// Says as JSON why a file that the wall file names cannot be used.
+fn refuse_in_json(arguments: &Arguments, error: &anyhow::Error) -> anyhow::Result<ExitCode> {
+    let what = format!("{error:#}");
+    let what = serde_json::json!({ "error": { "file": arguments.wall, "what": what } });
+    say(serde_json::to_string_pretty(&what)?)?;
+    Ok(ExitCode::FAILURE)
 }

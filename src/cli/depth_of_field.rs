@@ -1,8 +1,10 @@
 //! `polyptych depth-of-field`: what is nearer or farther than a distance is blurred.
 
+use std::process::ExitCode;
+
 use polyptych_client::DepthOfField;
 
-use super::{ManagerAddress, say};
+use super::{ManagerAddress, say, seen};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
@@ -44,7 +46,7 @@ pub(super) fn focus(text: &str) -> Result<DepthOfField, String> {
 }
 
 /// Blurs what is not at a distance or ends it, or says how it is.
-pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     match arguments.focus {
         Some(Wish::None) => client.set_depth_of_field(None)?,
@@ -56,7 +58,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             say(format_args!("depth of field with a focus at {focus}, an aperture of {aperture}"))
         }
         None => say("depth of field none"),
-    }
+    }?;
+    seen::conclude(&client, arguments.focus.is_some())
 }
 
 #[cfg(test)]

@@ -282,6 +282,10 @@ fn below(command: Command, above: &str) -> Command {
         _ => vec!["polyptych demo", "polyptych check wall.toml", "polyptych help simulate"],
     };
     let text = format!("Examples:\n  {}", lines.join("\n  "));
+    let text = match command.get_after_help() {
+        Some(before) => format!("{before}\n\n{text}"),
+        None => text,
+    };
     command.mut_subcommands(named).after_help(text)
 }
 

@@ -137,7 +137,8 @@ pub(super) struct TreeArguments {
 pub(super) struct ImportArguments {
     /// A .gltf or .glb file in one of the manager's scene folders
     file: String,
-    /// Of the node that is made for it, as of `node add` without a mesh [default: the file's name]
+    /// Name, position, rotation and scale of the node that is made for it, as of `node add`
+    /// [default: the file's name, at the origin]
     #[arg(value_name = "KEY=VALUE")]
     words: Vec<String>,
     /// The node that it hangs from, by number or path [default: the scene itself]
@@ -264,7 +265,24 @@ impl Editor {
                 (key, value) => change.set(key, value).with_context(|| key.to_owned())?,
             }
         }
-        match of.get("op").and_then(Value::as_str) {
+        let op = of.get("op").and_then(Value::as_str);
+        let taken: &[&str] = match op {
+            Some("add") => &["parent", "as"],
+            Some("move") => &["node", "parent"],
+            Some("set" | "remove") => &["node"],
+            _ => &["node", "parent", "as"],
+        };
+        let is_of_node = matches!(op, Some("add" | "set"));
+        let is_taken = |key: &str| match key {
+            "op" => true,
+            "node" | "parent" | "as" => taken.contains(&key),
+            _ => is_of_node,
+        };
+        if let (Some(op), Some(key)) = (op, of.keys().find(|key| !is_taken(key))) {
+            let taken = taken.join(" and ");
+            bail!("\"{op}\" takes {taken}, not \"{key}\": write an operation of its own for that");
+        }
+        match op {
             Some("add") => {
                 let (parent, name) = (text("parent").transpose()?, text("as").transpose()?);
                 self.add(change, parent.as_deref(), name.as_deref())
@@ -296,7 +314,7 @@ impl Editor {
         let edited = self.client.commit(self.transaction)?;
         let seen = Seen::of(&self.client, &edited.feedback)?;
         if is_json {
-            say(in_json(&edited))?;
+            say(in_json(&edited, &seen))?;
         } else {
             let made: Vec<_> = edited.created.iter().take(8).map(ToString::to_string).collect();
             let made = match edited.created.len() {
@@ -312,13 +330,13 @@ impl Editor {
     }
 }
 
-fn in_json(edited: &Edited) -> Value {
+fn in_json(edited: &Edited, seen: &Seen) -> Value {
     json!({
         "revision": edited.revision.0,
         "created": edited.created.iter().map(|node| node.0).collect::<Vec<_>>(),
         "first_mesh": edited.assets.map(|numbers| numbers.first_mesh),
         "frame": edited.feedback.frame.0,
-        "is_complete": edited.feedback.is_complete(),
+        "is_complete": seen.is_complete(),
         "notes": edited.notes,
     })
 }

@@ -48,11 +48,26 @@ pub(super) fn path_from_here(file: &str) -> String {
     from_here.map_or_else(|| file.to_owned(), |path| path.display().to_string())
 }
 
+/// Asks for a file that is here, and where the manager refuses that, for the one of this name in
+/// its own folders. The error is that of the first.
+///
+/// # Errors
+/// The manager has neither.
+pub(super) fn here_or_there<T, E>(
+    file: &str,
+    mut ask: impl FnMut(&str) -> Result<T, E>,
+) -> Result<T, E> {
+    let here = path_from_here(file);
+    ask(&here)
+        .or_else(|refused| if here == file { Err(refused) } else { ask(file).or(Err(refused)) })
+}
+
 pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
-    let path = path_from_here(&arguments.file);
     let progress = ProgressReport::start();
-    let scene = open_scene(&client, (&path, arguments.scene.as_deref()), &progress)?;
+    let scene = here_or_there(&arguments.file, |path| {
+        open_scene(&client, (path, arguments.scene.as_deref()), &progress)
+    })?;
     if !arguments.keep_camera
         && let Some(bounds) = &scene.bounds
     {

@@ -194,6 +194,18 @@ pub(super) fn show(client: &Client) -> anyhow::Result<ExitCode> {
     Ok(seen.conclude())
 }
 
+/// Draws a frame with what was changed, if anything was, and returns the exit code that says who
+/// sees it: a wall that is paused draws none by itself.
+///
+/// # Errors
+/// The manager does not answer, or refuses the frame.
+pub(super) fn conclude(client: &Client, is_changed: bool) -> anyhow::Result<ExitCode> {
+    if !is_changed {
+        return Ok(ExitCode::SUCCESS);
+    }
+    Ok(Seen::of(client, &client.render_frame()?)?.conclude())
+}
+
 /// Waits until every display that may soon be ready could draw: for `wait`, where given, else for
 /// [`READY_TIME_MAX`], and no longer than [`ARRIVAL_TIME_MAX`] for servers that are not there.
 ///

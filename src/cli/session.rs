@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 
 use super::seen::show;
 use super::{ManagerAddress, say};
+use crate::logging;
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Session {
@@ -47,7 +48,7 @@ pub(super) fn run(session: &Session) -> anyhow::Result<ExitCode> {
         Session::Open(NameArguments { name, manager }) => {
             let client = manager.connect()?;
             for left_out in client.open_session(name.as_str())?.left_out {
-                eprintln!("left out: {}", printable(&left_out));
+                logging::say_warning(&format!("left out: {}", printable(&left_out)));
             }
             return show(&client);
         }

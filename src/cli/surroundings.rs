@@ -2,14 +2,15 @@
 //! a running wall, and of a run.
 
 use std::path::Path;
+use std::process::ExitCode;
 
 use anyhow::Context;
 use polyptych_client::glam::DVec3;
 use polyptych_client::{AmbientOcclusion, DepthOfField, EnvironmentSource, Fog, Glow, ToneMapper};
 use polyptych_text::printable;
 
-use super::remote::{path_from_here, point, positive};
-use super::{ManagerAddress, depth_of_field, say};
+use super::remote::{here_or_there, point, positive};
+use super::{ManagerAddress, depth_of_field, say, seen};
 use crate::simulator::look::{Brightness, Look};
 
 /// Limits of an exposure in stops: a factor of 2 to the power of this is far from all that a
@@ -100,20 +101,22 @@ pub(super) struct EnvironmentArguments {
 }
 
 /// Surrounds scenes by light, or says by what they are surrounded.
-pub(super) fn environment(arguments: &EnvironmentArguments) -> anyhow::Result<()> {
+pub(super) fn environment(arguments: &EnvironmentArguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     if let Some(asked) = &arguments.environment {
-        let source = match asked.as_str() {
-            "none" => EnvironmentSource::None,
-            "sky" => EnvironmentSource::Sky,
-            file => EnvironmentSource::File { path: path_from_here(file) },
-        };
-        client.set_environment(source)?;
+        match asked.as_str() {
+            "none" => client.set_environment(EnvironmentSource::None)?,
+            "sky" => client.set_environment(EnvironmentSource::Sky)?,
+            file => here_or_there(file, |path| {
+                client.set_environment(EnvironmentSource::File { path: path.to_owned() })
+            })?,
+        }
     }
     match client.status()?.environment {
         Some(name) => say(format_args!("environment {}", printable(&name))),
         None => say("environment none: scenes have their own sky"),
-    }
+    }?;
+    seen::conclude(&client, arguments.environment.is_some())
 }
 
 #[derive(Debug, clap::Args)]
@@ -134,7 +137,7 @@ enum Exposure {
 }
 
 /// Sets the exposure, or says how it is.
-pub(super) fn exposure(arguments: &ExposureArguments) -> anyhow::Result<()> {
+pub(super) fn exposure(arguments: &ExposureArguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     match arguments.wish {
         Some(Exposure::Automatic) => client.set_automatic_exposure()?,
@@ -144,12 +147,13 @@ pub(super) fn exposure(arguments: &ExposureArguments) -> anyhow::Result<()> {
     let shown = client.presentation()?;
     let (factor, stops) = (shown.exposure, shown.exposure.log2());
     if !shown.is_exposure_automatic {
-        return say(format_args!("exposure {stops:.2} EV, a factor of {factor}"));
+        say(format_args!("exposure {stops:.2} EV, a factor of {factor}"))?;
+    } else if arguments.wish.is_some() {
+        say("exposure automatic: frames that are drawn set it")?;
+    } else {
+        say(format_args!("exposure automatic, now {stops:.2} EV, a factor of {factor}"))?;
     }
-    if arguments.wish.is_some() {
-        return say("exposure automatic: frames that are drawn set it");
-    }
-    say(format_args!("exposure automatic, now {stops:.2} EV, a factor of {factor}"))
+    seen::conclude(&client, arguments.wish.is_some())
 }
 
 /// An exposure, as an argument.
@@ -175,12 +179,13 @@ pub(super) struct ToneArguments {
 }
 
 /// Sets how exposed light becomes what displays show, or says how.
-pub(super) fn tone(arguments: &ToneArguments) -> anyhow::Result<()> {
+pub(super) fn tone(arguments: &ToneArguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     if let Some(tone) = arguments.tone {
         client.set_tone(tone)?;
     }
-    say(format_args!("tone {}", client.presentation()?.tone.name()))
+    say(format_args!("tone {}", client.presentation()?.tone.name()))?;
+    seen::conclude(&client, arguments.tone.is_some())
 }
 
 #[derive(Debug, clap::Args)]
@@ -190,14 +195,20 @@ pub(super) struct FogArguments {
     #[arg(value_name = "VISIBILITY|none", value_parser = visibility)]
     visibility: Option<Visibility>,
     /// The height, as Y in world units, at which one sees that far
-    #[arg(long, value_name = "Y", default_value_t = 0.0)]
+    #[arg(long, value_name = "Y", default_value_t = 0.0, requires = "visibility")]
     height: f64,
     /// Let half of it be left with each so many units above, and twice as much be below [default:
     /// the same everywhere]
-    #[arg(long, value_name = "UNITS", value_parser = positive)]
+    #[arg(long, value_name = "UNITS", value_parser = positive, requires = "visibility")]
     half: Option<f64>,
     /// The share of red, green and blue that it scatters, 0 to 1: R,G,B
-    #[arg(long, value_name = "R,G,B", value_parser = point, default_value = "1,1,1")]
+    #[arg(
+        long,
+        value_name = "R,G,B",
+        value_parser = point,
+        default_value = "1,1,1",
+        requires = "visibility"
+    )]
     color: DVec3,
     #[command(flatten)]
     manager: ManagerAddress,
@@ -218,7 +229,7 @@ fn visibility(text: &str) -> Result<Visibility, String> {
 }
 
 /// Lays fog over the wall or takes it away, or says how it is.
-pub(super) fn fog(arguments: &FogArguments) -> anyhow::Result<()> {
+pub(super) fn fog(arguments: &FogArguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     match arguments.visibility {
         Some(Visibility::Unlimited) => client.set_fog(None)?,
@@ -230,16 +241,18 @@ pub(super) fn fog(arguments: &FogArguments) -> anyhow::Result<()> {
         }))?,
         None => {}
     }
-    let Some(Fog { visibility, height, half_height, color: [r, g, b] }) =
+    if let Some(Fog { visibility, height, half_height, color: [r, g, b] }) =
         client.presentation()?.fog
-    else {
-        return say("fog none");
-    };
-    let layer = match half_height {
-        Some(half) => format!(" at a height of {height}, half of it with each {half} above"),
-        None => String::new(),
-    };
-    say(format_args!("fog with a visibility of {visibility}{layer}, scatters {r},{g},{b}"))
+    {
+        let layer = match half_height {
+            Some(half) => format!(" at a height of {height}, half of it with each {half} above"),
+            None => String::new(),
+        };
+        say(format_args!("fog with a visibility of {visibility}{layer}, scatters {r},{g},{b}"))?;
+    } else {
+        say("fog none")?;
+    }
+    seen::conclude(&client, arguments.visibility.is_some())
 }
 
 #[derive(Debug, clap::Args)]
@@ -249,7 +262,7 @@ pub(super) struct GlowArguments {
     #[arg(value_name = "STRENGTH|none", value_parser = strength)]
     strength: Option<Strength>,
     /// The width of the widest part as seen by the viewer, in degrees, 0.1 to 7
-    #[arg(long, value_name = "DEGREES", default_value_t = 4.0)]
+    #[arg(long, value_name = "DEGREES", default_value_t = 4.0, requires = "strength")]
     width: f32,
     #[command(flatten)]
     manager: ManagerAddress,
@@ -279,7 +292,7 @@ fn glow_strength(text: &str) -> Result<f32, String> {
 }
 
 /// Spreads light around what is bright or ends it, or says how it is.
-pub(super) fn glow(arguments: &GlowArguments) -> anyhow::Result<()> {
+pub(super) fn glow(arguments: &GlowArguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     match arguments.strength {
         Some(Strength::None) => client.set_glow(None)?,
@@ -293,7 +306,8 @@ pub(super) fn glow(arguments: &GlowArguments) -> anyhow::Result<()> {
             say(format_args!("glow with a strength of {strength}, {width_degrees}° wide"))
         }
         None => say("glow none"),
-    }
+    }?;
+    seen::conclude(&client, arguments.strength.is_some())
 }
 
 #[derive(Debug, clap::Args)]
@@ -332,7 +346,7 @@ fn occlusion_radius(text: &str) -> Result<f32, String> {
 }
 
 /// Darkens corners and gaps or ends it, or says how it is.
-pub(super) fn ambient_occlusion(arguments: &OcclusionArguments) -> anyhow::Result<()> {
+pub(super) fn ambient_occlusion(arguments: &OcclusionArguments) -> anyhow::Result<ExitCode> {
     let client = arguments.manager.connect()?;
     match arguments.radius {
         Some(Radius::None) => client.set_ambient_occlusion(None)?,
@@ -346,7 +360,8 @@ pub(super) fn ambient_occlusion(arguments: &OcclusionArguments) -> anyhow::Resul
             say(format_args!("ambient occlusion with a radius of {radius}"))
         }
         None => say("ambient occlusion none"),
-    }
+    }?;
+    seen::conclude(&client, arguments.radius.is_some())
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use anyhow::{Context, bail};
 use polyptych_text::counted;
 
-use super::seen::show;
+use super::seen::{conclude, show};
 use super::stored_view::TOUR_PACE;
 use super::{ManagerAddress, say};
 
@@ -81,5 +81,5 @@ fn play(arguments: &PlayArguments) -> anyhow::Result<ExitCode> {
         (true, true) => "; the wall is paused: it begins with the next frame that is asked for",
     };
     say(format_args!("{file}: {stops}, {seconds} {length}{follows}"))?;
-    Ok(ExitCode::SUCCESS)
+    conclude(&client, !(is_paused && arguments.paused))
 }

@@ -87,6 +87,8 @@ fn a_file_of_operations_is_done_whole_or_not_at_all() {
         ("[{ \"op\": \"fly\" }]", "operation 0: \"op\" is"),
         ("[{ \"op\": \"set\", \"node\": \"$leg\" }]", "$leg: no operation before this adds it"),
         ("[{ \"op\": \"set\", \"node\": 4, \"colour\": 1 }]", "there is no key colour"),
+        ("[{ \"op\": \"move\", \"node\": 4, \"parent\": 1, \"name\": \"b\" }]", "not \"name\""),
+        ("[{ \"op\": \"set\", \"node\": 4, \"parent\": 1 }]", "takes node, not \"parent\""),
         ("{}", "not a JSON list of operations"),
         ("[]", "nothing would change"),
     ] {

@@ -12,7 +12,7 @@ use crate::harness::stub_server::StubServer;
 use crate::harness::wait;
 
 /// Every command whose effect is to be seen, in an order in which all can be done.
-const COMMANDS: [&[&str]; 17] = [
+const COMMANDS: [&[&str]; 26] = [
     &["camera", "look-at", "-30,40,60", "0,5,-2"],
     &["camera", "pose", "-3,40,70", "0,0,0,1"],
     &["eye", "0,0.1,0.2"],
@@ -28,6 +28,15 @@ const COMMANDS: [&[&str]; 17] = [
     &["pattern", "grid"],
     &["pattern", "--off"],
     &["tune", "front-1-1", "gain=0.9"],
+    &["exposure", "-1"],
+    &["tone", "aces"],
+    &["fog", "100"],
+    &["fog", "200"],
+    &["fog", "none"],
+    &["depth-of-field", "10"],
+    &["depth-of-field", "none"],
+    &["bound", "--error", "1"],
+    &["bound", "--error", "0"],
     &["shot", "shot.png"],
     &["open", "triangle.glb"],
 ];

@@ -63,7 +63,7 @@ pub(in crate::cli) fn layers(arguments: &LayerArguments) -> anyhow::Result<ExitC
         let edited = client.commit(transaction)?;
         let seen = Seen::of(&client, &edited.feedback)?;
         if arguments.json {
-            say(in_json(&edited))?;
+            say(in_json(&edited, &seen))?;
         } else {
             say(seen.in_words())?;
         }
