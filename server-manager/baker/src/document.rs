@@ -4,7 +4,7 @@
 //! index is followed before it was checked. Materials, textures, samplers and lights are those of
 //! the `gltf` crate. What a file leaves out has glTF's default.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::marker::PhantomData;
 use std::ops::Deref;
@@ -379,18 +379,22 @@ impl BufferExtensions {
 }
 
 impl Document {
-    /// Returns whether a buffer stands for bytes that views are unpacked to: it may say so, and all
-    /// of its views are compressed, in other buffers.
-    pub(super) fn is_for_unpacked(&self, buffer: u32) -> bool {
-        let says_so = |of: &Buffer| of.extensions.is_for_unpacked();
-        if self.buffers.get(buffer as usize).is_some_and(says_so) {
-            return true;
+    /// The buffers that stand for bytes that views are unpacked to: they may say so, and all of
+    /// their views are compressed, in other buffers.
+    pub(super) fn unpacked_buffers(&self) -> BTreeSet<u32> {
+        let (mut unpacked, mut read) = (BTreeSet::new(), BTreeSet::new());
+        for view in self.buffer_views.iter() {
+            match view.extensions.meshopt() {
+                Some((_, stream)) => {
+                    unpacked.insert(view.buffer);
+                    read.insert(stream.buffer);
+                }
+                None => _ = read.insert(view.buffer),
+            }
         }
-        let mut views = self.buffer_views.iter().filter(|view| view.buffer == buffer).peekable();
-        let mut streams = self.buffer_views.iter().filter_map(|view| view.extensions.meshopt());
-        views.peek().is_some()
-            && views.all(|view| view.extensions.meshopt().is_some())
-            && streams.all(|(_, stream)| stream.buffer != buffer)
+        let tagged =
+            (0..).zip(self.buffers.iter()).filter(|(_, of)| of.extensions.is_for_unpacked());
+        unpacked.difference(&read).copied().chain(tagged.map(|(at, _)| at)).collect()
     }
 }
 

@@ -93,9 +93,10 @@ impl GltfSource {
         digest: &mut blake3::Hasher,
         cancel: &AtomicBool,
     ) -> Result<(), BakeError> {
+        let unpacked = self.document.unpacked_buffers();
         for (i, buffer) in self.document.buffers.iter().enumerate() {
             let place = format!("buffers[{i}]");
-            let is_for_unpacked = self.document.is_for_unpacked(i as u32);
+            let is_for_unpacked = unpacked.contains(&(i as u32));
             let bytes = match &buffer.uri {
                 Some(uri) => match uri::parse(uri, &place)? {
                     UriTarget::Data(bytes) => bytes,
