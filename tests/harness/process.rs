@@ -8,6 +8,7 @@ use std::thread::Builder;
 use std::time::Duration;
 
 use rustix::process::Signal;
+use serde_json::Value;
 
 use super::wait;
 
@@ -16,7 +17,14 @@ use super::wait;
 pub struct Process {
     name: String,
     child: Child,
-    log: Arc<Mutex<Vec<String>>>,
+    log: Arc<Mutex<Vec<Line>>>,
+}
+
+#[derive(Debug)]
+struct Line {
+    text: String,
+    /// Whether it came through standard output.
+    is_result: bool,
 }
 
 /// The exit status of a program, and all its output.
@@ -24,6 +32,8 @@ pub struct Process {
 pub struct Finished {
     pub status: ExitStatus,
     pub output: String,
+    /// What came through standard output alone.
+    results: String,
 }
 
 impl Process {
@@ -32,8 +42,8 @@ impl Process {
         let command = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().unwrap_or_else(|error| panic!("{name}: {error}"));
         let log = Arc::default();
-        keep(&log, child.stdout.take());
-        keep(&log, child.stderr.take());
+        keep(&log, child.stdout.take(), true);
+        keep(&log, child.stderr.take(), false);
         Self { name: name.to_owned(), child, log }
     }
 
@@ -44,7 +54,13 @@ impl Process {
 
     /// All that it has said.
     pub fn output(&self) -> String {
-        self.log.lock().unwrap_or_else(PoisonError::into_inner).join("\n")
+        self.joined(|_| true)
+    }
+
+    fn joined(&self, is_wanted: impl Fn(&&Line) -> bool) -> String {
+        let log = self.log.lock().unwrap_or_else(PoisonError::into_inner);
+        let lines: Vec<&str> = log.iter().filter(is_wanted).map(|it| it.text.as_str()).collect();
+        lines.join("\n")
     }
 
     /// Waits until it says a line with all these parts; gives the line.
@@ -53,7 +69,7 @@ impl Process {
         let has_parts = |line: &&String| parts.iter().all(|part| line.contains(part));
         let seen = wait::look_for(wait::LIMIT, || {
             let log = self.log.lock().unwrap_or_else(PoisonError::into_inner);
-            log.iter().find(has_parts).cloned()
+            log.iter().map(|line| &line.text).find(has_parts).cloned()
         });
         seen.unwrap_or_else(|| panic!("{} did not say {parts:?}:\n{}", self.name, self.output()))
     }
@@ -85,7 +101,7 @@ impl Process {
         // The rest of its output is in the pipes; descendants may hold them open a little longer.
         let is_read = || (Arc::strong_count(&self.log) == 1).then_some(());
         let _ = wait::look_for(Duration::from_secs(2), is_read);
-        Finished { status, output: self.output() }
+        Finished { status, output: self.output(), results: self.joined(|line| line.is_result) }
     }
 }
 
@@ -112,6 +128,14 @@ impl Finished {
         self.output
     }
 
+    /// Checks that it succeeded; returns the JSON that it printed. A slow machine adds lines of
+    /// progress to standard error, which are no part of it.
+    #[track_caller]
+    pub fn json(self) -> Value {
+        assert_eq!(self.code(), 0, "{}", self.output);
+        serde_json::from_str(&self.results).unwrap_or_else(|e| panic!("{e}: {}", self.output))
+    }
+
     /// Checks that it failed with an error that has these parts; returns the line of the error.
     #[track_caller]
     pub fn failed(self, parts: &[&str]) -> String {
@@ -126,12 +150,13 @@ impl Finished {
 }
 
 /// Keeps what comes through a pipe, on a thread that ends with the pipe.
-fn keep(log: &Arc<Mutex<Vec<String>>>, pipe: Option<impl Read + Send + 'static>) {
+fn keep(log: &Arc<Mutex<Vec<Line>>>, pipe: Option<impl Read + Send + 'static>, is_result: bool) {
     let (log, pipe) = (Arc::clone(log), pipe.expect("the output is a pipe"));
     let read = move || {
         for line in BufReader::new(pipe).split(b'\n') {
             let Ok(line) = line else { return };
-            let line = String::from_utf8_lossy(&line).into_owned();
+            let text = String::from_utf8_lossy(&line).into_owned();
+            let line = Line { text, is_result };
             log.lock().unwrap_or_else(PoisonError::into_inner).push(line);
         }
     };

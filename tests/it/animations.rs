@@ -207,10 +207,7 @@ fn a_server_that_joins_late_shows_the_moment_that_the_others_show() {
 fn animations_are_played_held_and_put_to_a_time_by_the_command() {
     let local = wall(1, 1);
     let client = local.client();
-    let listed = || -> Value {
-        let listed = local.run(&["animation", "list", "--json"]).succeeded();
-        serde_json::from_str(&listed).expect("JSON")
-    };
+    let listed = || local.run(&["animation", "list", "--json"]).json();
     assert_eq!(listed()[0]["clip"]["duration_s"], 2.0);
     let bow = at(&client, 0.4);
     local.run(&["animation", "pause"]).succeeded();

@@ -199,8 +199,7 @@ fn shapes_are_added_by_words() {
     let note = "materials: 1 is drawn without KHR_materials_volume_scatter";
     let said = local.run(&["scene", "import", "milk.glb"]).succeeded();
     assert_eq!(said.lines().last(), Some(format!("note: {note}").as_str()), "{said}");
-    let said = local.run(&["scene", "import", "milk.glb", "--json"]).succeeded();
-    let said: serde_json::Value = serde_json::from_str(&said).expect("JSON");
+    let said = local.run(&["scene", "import", "milk.glb", "--json"]).json();
     assert_eq!(said["notes"], json!([note]));
     local.run(&["scene", "import", "none.glb"]).failed(&["none.glb", "not found"]);
     local.run(&["scene", "import", "flag.glb", "mesh=1"]).failed(&["name, position, rotation"]);

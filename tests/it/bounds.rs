@@ -106,10 +106,7 @@ fn all_tiles_draw_the_same_level_and_0_the_finest() {
 #[test]
 fn bounds_are_typed_said_and_refused() {
     let local = wall_of_hills(1, 1);
-    let said = |words: &[&str]| -> Value {
-        let said = local.run(&[words, &["--json"]].concat()).succeeded();
-        serde_json::from_str(&said).expect("JSON")
-    };
+    let said = |words: &[&str]| local.run(&[words, &["--json"]].concat()).json();
     let none = json!({
         "error_bound_px": 0.0,
         "rate_bound_fps": null,

@@ -5,7 +5,6 @@ use std::path::Path;
 use image::{Rgba, RgbaImage, imageops};
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, OutputMode, Pacing, Wall};
-use serde_json::Value;
 
 use crate::harness::display::Display;
 use crate::harness::local_wall::{
@@ -227,8 +226,7 @@ fn a_present_call_that_is_delayed_by_5_ms_is_read_as_that() {
         feedbacks.find(|feedback| is_right(f64::from(feedback.channels[1].skew.p50_us)))
     });
     assert!(said.expect("feedback").channels[1].skew.frames > 0);
-    let text = local.run(&["status", "--json"]).succeeded();
-    let status: Value = serde_json::from_str(&text).expect("JSON");
+    let status = local.run(&["status", "--json"]).json();
     let skew = &status["channels"][1]["skew"];
     assert!(skew["p99_us"].as_u64() >= skew["p50_us"].as_u64(), "{skew}");
     assert!(skew["max_us"].as_u64() >= Some(4_500) && skew["clock_error_us"].is_u64(), "{skew}");

@@ -8,7 +8,7 @@ use polyptych_client::{
     Area, Assets, Camera, Light, LightKind, Material, MeshData, NewNode, NodeId, NodeKind,
     NodeQuery, Transaction, View, ViewProjection,
 };
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::harness::local_wall::{LocalWall, screen_of, shot};
 use crate::harness::pictures::{IDENTICAL, SEAMS, check, color_count};
@@ -242,15 +242,14 @@ fn layers_and_switches_are_typed() {
     let run = |words: &[&str]| local.run(words).succeeded();
     assert_eq!(run(&["scene", "layer"]), "night: 2 nodes\nroofs: 1 node");
     run(&["scene", "layer", "night", "hide"]);
-    let listed: Value = serde_json::from_str(&run(&["scene", "layer", "--json"])).expect("JSON");
+    let listed = local.run(&["scene", "layer", "--json"]).json();
     assert_eq!(listed[0], json!({ "name": "night", "nodes": 2, "visible": false }));
     assert_eq!(run(&["scene", "layer"]), "night: 2 nodes, hidden\nroofs: 1 node");
     run(&["node", "set", "/house/door", "layer=plan-a"]);
     run(&["node", "set", "house", "switch=roof"]);
     let tree = run(&["scene", "tree", "--layer", "plan-a"]);
     assert!(tree.ends_with("door  mesh 2, layer plan-a"), "{tree}");
-    let tree = run(&["scene", "tree", "--below", "house", "--json"]);
-    let nodes: Value = serde_json::from_str(&tree).expect("JSON");
+    let nodes = local.run(&["scene", "tree", "--below", "house", "--json"]).json();
     assert_eq!((&nodes[0]["switch"], &nodes[0]["layer"]), (&nodes[2]["id"], &"night".into()));
     run(&["node", "set", "house", "switch=all", "layer=none"]);
     let lit = run(&["scene", "tree", "--kind", "light"]);

@@ -54,8 +54,7 @@ fn notes_reach_open_status_log_and_client_and_outlive_a_manager() {
     let LocalWall { place, address, .. } = local;
     let local = LocalWall::manager(place, &wall, &[&folder], &address);
     check_notes(&noted(&local.run(&["status"]).succeeded()));
-    let json = local.run(&["status", "--json"]).succeeded();
-    check_notes(&listed(&serde_json::from_str(&json).expect("JSON")));
+    check_notes(&listed(&local.run(&["status", "--json"]).json()));
     let mut arguments = vec!["status", "--watch", "--manager", &local.address];
     let mut watch = local.place.start("watch", &arguments);
     assert!(!watch.await_line(&["note: ", "ACME_shimmer"]).contains('\u{1b}'));

@@ -55,8 +55,7 @@ fn an_incident_is_recorded_replayed_and_kept() {
         assert!(!told.contains(mark), "{mark:?}: {told}");
     }
     check_lanes(place, &text, &victim.name);
-    let json = place.run(["replay", &text, "--json"]).succeeded();
-    let json: Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e}: {json}"));
+    let json = place.run(["replay", &text, "--json"]).json();
     assert_eq!((&json["differences"], &json["violation"]), (&0.into(), &Value::Null));
     let [part] = &json["parts"].as_array().expect("parts")[..] else { panic!("{json}") };
     let started = part["started_unix_us"].as_u64().expect("microseconds since 1970");

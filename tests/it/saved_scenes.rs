@@ -3,7 +3,6 @@
 use image::RgbaImage;
 use polyptych_client::glam::DVec3;
 use polyptych_client::{Camera, ChannelState, NodeQuery};
-use serde_json::Value;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, screen_of, shot, small};
 use crate::harness::pictures::{IDENTICAL, check};
@@ -46,8 +45,7 @@ fn a_saved_scene_is_what_it_was_after_a_kill() {
     await_states(&local.client(), &[ChannelState::Ready, ChannelState::Live]);
     let list = "bare: post, 1 edited node\nevening: post, 2 edited nodes";
     assert_eq!(local.run(&["scene", "list"]).succeeded(), list);
-    let json: Value =
-        serde_json::from_str(&local.run(&["scene", "list", "--json"]).succeeded()).expect("JSON");
+    let json = local.run(&["scene", "list", "--json"]).json();
     assert_eq!((&json[1]["name"], &json[1]["edited_nodes"]), (&"evening".into(), &2.into()));
     local.run(&["open", "saved:evening", "--keep-camera"]).succeeded();
     assert_eq!(local.run(&["scene", "tree"]).succeeded(), tree);

@@ -37,14 +37,13 @@ fn nodes_are_listed_changed_and_found_by_their_paths() {
     local.run(&["node", "set", "house/door", "visible=false", "attribute.note=broken"]).succeeded();
     local.run(&["node", "set", "/tower/old/door", "position=1,-2,3", "scale=2"]).succeeded();
     let added = ["node", "add", "name=sign", "mesh=0", "--parent", "old/door", "--json"];
-    let added: Value = serde_json::from_str(&local.run(&added).succeeded()).expect("JSON");
+    let added = local.run(&added).json();
     assert_eq!((&added["created"][0], &added["is_complete"]), (&4.into(), &true.into()));
     local.run(&["node", "move", "sign", "/"]).succeeded();
     let now = "0 house\n  1 door  mesh 0, hidden, note=broken\n2 tower/old\n  3 door  mesh 0\n\
                4 sign  mesh 0";
     assert_eq!(tree(), now);
-    let below = local.run(&["scene", "tree", "--below", "tower/old", "--json"]).succeeded();
-    let below: Value = serde_json::from_str(&below).expect("JSON");
+    let below = local.run(&["scene", "tree", "--below", "tower/old", "--json"]).json();
     assert_eq!(below.as_array().map(Vec::len), Some(2));
     assert_eq!(below[1]["position"], serde_json::json!([1.0, -2.0, 3.0]));
     assert_eq!(below[1]["scale"], serde_json::json!([2.0, 2.0, 2.0]));
@@ -70,9 +69,7 @@ fn a_file_of_operations_is_done_whole_or_not_at_all() {
             { "op": "remove", "node": 2 }
         ]"#,
     );
-    let done: Value =
-        serde_json::from_str(&local.run(&["transaction", &good, "--json"]).succeeded())
-            .expect("JSON");
+    let done = local.run(&["transaction", &good, "--json"]).json();
     assert_eq!(done["created"], serde_json::json!([4, 5]));
     // A turned arm that was raised stays turned.
     let nodes = local.client().find_all_nodes(NodeQuery::default()).expect("found");
@@ -108,8 +105,7 @@ fn a_pixel_of_the_wall_says_whose_it_is() {
     let middle = format!("{},{}", screen.canvas.x / 2, screen.canvas.y / 2);
     let said = local.run(&["pick", &screen.name, &middle]).succeeded();
     assert!(said.starts_with("node 1 door at 0.25") && said.contains(", 3.00"), "{said}");
-    let json = local.run(&["pick", &screen.name, &middle, "--json"]).succeeded();
-    let hit: Value = serde_json::from_str(&json).expect("JSON");
+    let hit = local.run(&["pick", &screen.name, &middle, "--json"]).json();
     assert_eq!((&hit["node"], &hit["normal"]), (&1.into(), &serde_json::json!([0.0, 0.0, 1.0])));
     assert_eq!(local.run(&["pick", &screen.name, "0,0"]).succeeded(), "nothing");
     local.run(&["node", "set", "house/door", "visible=false"]).succeeded();

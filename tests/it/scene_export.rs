@@ -11,7 +11,7 @@ use polyptych_client::{
     AlphaMode, Assets, Attribute, Camera, ClientError, Light, LightKind, Material, MeshData,
     NewNode, NodeInfo, NodeQuery, TextureRef, Transaction, blocking::Client, fit_bounds,
 };
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, screen_of, shot, small};
 use crate::harness::pictures::{IDENTICAL, check, color_count};
@@ -126,8 +126,7 @@ fn an_export_is_the_edited_scene_node_by_node_and_pixel_by_pixel() {
     let said = local.run(&["scene", "export", &path]).succeeded();
     assert!(said.contains(" nodes, ") && said.lines().count() == 1, "{said}");
     local.run(&["scene", "export", &path]).failed(&["is there already; --force writes over it"]);
-    let json = local.run(&["scene", "export", &path, "--force", "--json"]).succeeded();
-    let json: Value = serde_json::from_str(&json).expect("JSON");
+    let json = local.run(&["scene", "export", &path, "--force", "--json"]).json();
     let size = std::fs::metadata(&path).expect("there").len();
     assert_eq!((&json["bytes"], &json["nodes"]), (&size.into(), &edited.len().into()));
     // Another reader finds nothing wrong with it.

@@ -154,8 +154,7 @@ fn open_says_how_far_it_is_and_so_does_the_status() {
     assert!(line.contains("slow\\u{1b}x"), "{line:?}");
     let said = local.run(&["status"]).succeeded();
     assert!(said.contains("opening slow\\u{1b}x: preparing 0 %"), "{said}");
-    let json: serde_json::Value =
-        serde_json::from_str(&local.run(&["status", "--json"]).succeeded()).expect("JSON");
+    let json = local.run(&["status", "--json"]).json();
     assert_eq!(json["opening"][0]["progress"]["stage"], "preparing");
     stub.release_prepared();
     let said = opening.finish(wait::LIMIT).succeeded();

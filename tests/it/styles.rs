@@ -7,7 +7,7 @@ use polyptych_client::{
     Assets, Camera, Facing, Fill, HeadPose, Highlight, Material, MeshData, NewNode, NodeId,
     NodeStyle, Shading, Topology, Transaction,
 };
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::harness::local_wall::{LocalWall, screen_of, shot};
 use crate::harness::pictures::{IDENTICAL, Policy, SEAMS, check, color_count};
@@ -209,8 +209,7 @@ fn labels_and_styles_are_typed() {
     let shown = picture(&local);
     let share = share_of(&shown, Rgba([255, 204, 0, 255]));
     assert!(before != shown && (0.005..0.2).contains(&share), "{share}");
-    let tree = run(&["scene", "tree", "--kind", "label", "--json"]);
-    let nodes: Value = serde_json::from_str(&tree).expect("JSON");
+    let nodes = local.run(&["scene", "tree", "--kind", "label", "--json"]).json();
     assert_eq!(nodes.as_array().map(Vec::len), Some(1));
     assert_eq!(nodes[0]["attributes"]["label"], json!("Hafen Ägäis"));
     assert_eq!(
@@ -221,8 +220,7 @@ fn labels_and_styles_are_typed() {
     let wired = picture(&local);
     assert!(wired != shown && wired != before);
     run(&["node", "set", "sign", "shading=unlit", "facing=eye"]);
-    let tree = run(&["scene", "tree", "--kind", "label", "--json"]);
-    let nodes: Value = serde_json::from_str(&tree).expect("JSON");
+    let nodes = local.run(&["scene", "tree", "--kind", "label", "--json"]).json();
     let style = &nodes[0]["style"];
     assert_eq!((&style["fill"], &style["shading"]), (&"wireframe".into(), &"unlit".into()));
     assert_eq!(style["highlight"][1], json!(1.0));

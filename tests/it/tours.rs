@@ -30,9 +30,7 @@ fn wall() -> LocalWall {
 }
 
 fn stored(local: &LocalWall) -> Value {
-    let said = local.run(&["view", "list", "--json"]).succeeded();
-    let mut said: Value = serde_json::from_str(&said).expect("JSON");
-    said["stored"].take()
+    local.run(&["view", "list", "--json"]).json()["stored"].take()
 }
 
 /// The pictures of a film, by their numbers.
@@ -88,8 +86,7 @@ fn a_film_of_a_tour_is_the_same_again_whatever_happens_to_a_server() {
     let film = ["--frames", "90", "--fps", "10", "--json"];
     let out = |name: &str| local.place.path(name);
     let arguments = |name| [&["film", name][..], &film[..]].concat();
-    let report = local.run(&arguments("first")).succeeded();
-    let report: Value = serde_json::from_str(&report).expect("JSON");
+    let report = local.run(&arguments("first")).json();
     assert_eq!((&report["written"], &report["redrawn"]), (&FRAMES.into(), &serde_json::json!([])));
     let first = pictures(&out("first"), &screen, FRAMES);
     assert!(first.windows(2).take(20).all(|pair| pair[0] != pair[1]), "the camera moves");
@@ -105,8 +102,7 @@ fn a_film_of_a_tour_is_the_same_again_whatever_happens_to_a_server() {
     local.await_lost(&client, &server);
     film.signal(Signal::CONT);
     local.start_server(&server);
-    let report = film.finish(wait::LIMIT).succeeded();
-    let report: Value = serde_json::from_str(&report).expect("JSON");
+    let report = film.finish(wait::LIMIT).json();
     assert_eq!(report["written"], FRAMES);
     let redrawn = &report["redrawn"][0];
     assert_eq!(redrawn["missing"][0][0], local.wall().channels[0].name.as_str(), "{report}");
@@ -123,8 +119,7 @@ fn a_film_of_a_tour_is_the_same_again_whatever_happens_to_a_server() {
     let scenes = place.path("");
     let mut local = LocalWall::manager(place, &wall, &[&scenes], &address);
     local.servers = servers;
-    let report = film.finish(wait::LIMIT).succeeded();
-    let report: Value = serde_json::from_str(&report).expect("JSON");
+    let report = film.finish(wait::LIMIT).json();
     assert_eq!(report["written"], FRAMES);
     // Nothing is lost between two captures: the next one waits for the manager. Its frame may
     // come before a server is back, and is drawn again.
@@ -193,8 +188,7 @@ fn the_camera_stands_where_a_camera_of_the_file_does_and_moves_with_it() {
     assert!(!local.run(&["open", "cameras.glb"]).succeeded().contains("note:"));
     local.run(&["animation", "pause"]).succeeded();
     local.run(&["animation", "seek", "0"]).succeeded();
-    let list = local.run(&["camera", "list", "--json"]).succeeded();
-    let list: Value = serde_json::from_str(&list).expect("JSON");
+    let list = local.run(&["camera", "list", "--json"]).json();
     assert_eq!(list[0]["name"], "Bridge");
     assert_eq!(list[0]["position"], json!([1.0, 3.0, 3.0]));
     assert_eq!(list[1]["camera"], "From above: orthographic, 2 units high");
@@ -250,7 +244,7 @@ fn the_camera_follows_a_node_and_walks_over_the_ground_up_to_a_wall() {
     local.run(&["node", "set", "0", "visible=false"]).succeeded();
     local.run(&["camera", "look-at", "0,3,12", "0,1,-9"]).succeeded();
     let walk = ["camera", "walk", "0,0,-15", "--speed", "100", "--json"];
-    let said: Value = serde_json::from_str(&local.run(&walk).succeeded()).expect("JSON");
+    let said = local.run(&walk).json();
     assert!(said["end"].as_str().is_some_and(|end| end.contains("(gate)")), "{said}");
     wait::until("the end of the way", || {
         client.tour().expect("a tour").tour.is_none().then_some(())

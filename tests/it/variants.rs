@@ -5,7 +5,7 @@ use image::{Rgba, RgbaImage};
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DVec2, DVec3, Vec4};
 use polyptych_client::{Camera, ChannelState, Material, Pacing, Transaction};
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, patient, screen_of, small};
 use crate::harness::pictures::{IDENTICAL, SEAMS, check};
@@ -100,8 +100,7 @@ fn a_variant_shows_on_all_displays_and_outlives_servers_managers_and_saves() {
     check("refused", &picture(&client), &own, &IDENTICAL);
 
     local.run(&["variant", "Blue"]).succeeded();
-    let listed = local.run(&["variant", "list", "--json"]).succeeded();
-    let listed: Value = serde_json::from_str(&listed).expect("JSON");
+    let listed = local.run(&["variant", "list", "--json"]).json();
     assert_eq!(listed[1], json!({ "number": 1, "name": "Blue", "shown": true }));
     client.save_scene("sold").expect("saved");
 

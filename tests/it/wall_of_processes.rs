@@ -64,8 +64,7 @@ fn processes_start_in_any_order_and_the_command_drives_them() {
 }
 
 fn status_of(local: &LocalWall) -> Value {
-    let text = local.run(&["status", "--json"]).succeeded();
-    serde_json::from_str(&text).unwrap_or_else(|error| panic!("{error}: {text}"))
+    local.run(&["status", "--json"]).json()
 }
 
 fn check_status(local: &LocalWall, status: &Value) {
