@@ -22,7 +22,7 @@ use polyptych_renderer::{Label, LabelPosition};
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::color::srgb_from_linear;
 use polyptych_wall::wall_geometry::ResolvedWall;
-use polyptych_wall::{Channel, ChannelCalibration, ChannelId, Orientation, StereoPacking};
+use polyptych_wall::{Channel, ChannelCalibration, ChannelId, Orientation};
 
 /// Black, and no light at all.
 const BLACK: [u8; 3] = [0; 3];
@@ -78,8 +78,8 @@ fn picture(
 }
 
 /// Returns that picture as the channel's display gets it: its light shared and coloured, unless
-/// that is what it shows; over it the point that is marked, if one is; then mirrored, for both eyes
-/// and turned as it hangs.
+/// that is what it shows; over it the point that is marked, if one is; then mirrored and
+/// turned as it hangs, for both eyes.
 ///
 /// # Errors
 /// Those of [`picture`].
@@ -105,28 +105,23 @@ pub(crate) fn draw_pattern<'a>(
 /// An upright picture as a display shows it that hangs like this.
 fn hung(adjustment: &ChannelCalibration, upright: &RgbaImage) -> RgbaImage {
     let one = if adjustment.mirror { imageops::flip_horizontal(upright) } else { upright.clone() };
-    let (width, height) = one.dimensions();
-    let second = match adjustment.packing {
-        StereoPacking::None | StereoPacking::Anaglyph => None,
-        StereoPacking::SideBySide => Some([width, 0]),
-        StereoPacking::TopBottom => Some([0, height]),
-    };
-    let packed = match second {
-        None => one,
-        Some([x, y]) => {
-            let mut both = RgbaImage::new(width + x, height + y);
-            imageops::replace(&mut both, &one, 0, 0);
-            imageops::replace(&mut both, &one, i64::from(x), i64::from(y));
-            both
-        }
-    };
-    match adjustment.turn {
-        Orientation::None => packed,
+    let turned = match adjustment.turn {
+        Orientation::None => one,
         // Its upper side is at the viewer's left: what is up to the viewer is at its right.
-        Orientation::Left => imageops::rotate90(&packed),
-        Orientation::Right => imageops::rotate270(&packed),
-        Orientation::Half => imageops::rotate180(&packed),
+        Orientation::Left => imageops::rotate90(&one),
+        Orientation::Right => imageops::rotate270(&one),
+        Orientation::Half => imageops::rotate180(&one),
+    };
+    let parts = adjustment.packing.parts();
+    if parts == UVec2::ONE {
+        return turned;
     }
+    let size = UVec2::from(turned.dimensions());
+    let (both, second) = (size * parts, size * (parts - 1));
+    let mut packed = RgbaImage::new(both.x, both.y);
+    imageops::replace(&mut packed, &turned, 0, 0);
+    imageops::replace(&mut packed, &turned, i64::from(second.x), i64::from(second.y));
+    packed
 }
 
 fn words(channel: &Channel, what: &str) -> RgbaImage {

@@ -111,7 +111,7 @@ fn stereo_orientation_and_hidden_pixels_are_told() {
     let hidden = &json["screens"][0]["coverage"][0];
     assert_eq!(hidden["uncovered_pixels"], 5300.0, "{text}");
     assert!(text.contains("hidden: 5,300 pixels, 0.530 m², within 270 × 270 pixels"), "{text}");
-    assert_eq!(json["channels"][1]["output_pixels"], serde_json::json!([520, 260]));
+    assert_eq!(json["channels"][1]["output_pixels"], serde_json::json!([260, 520]));
 }
 
 #[test]

@@ -60,6 +60,16 @@ pub enum Orientation {
     Half,
 }
 
+impl Orientation {
+    /// Returns the size of a picture of this width and height once it is turned.
+    pub fn turned(self, size: UVec2) -> UVec2 {
+        match self {
+            Self::None | Self::Half => size,
+            Self::Left | Self::Right => UVec2::new(size.y, size.x),
+        }
+    }
+}
+
 /// Who says how a channel's light fades where others light the same places.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -105,9 +115,10 @@ pub enum StereoPacking {
     /// There is one picture.
     #[default]
     None,
-    /// The left eye's upright picture in the left half of a display twice as wide.
+    /// The left eye's picture in the left half of the display's own pixels, however it hangs: the
+    /// display takes them apart there.
     SideBySide,
-    /// The left eye's upright picture in the upper half of a display twice as high.
+    /// The left eye's picture in the upper half of the display's own pixels, however it hangs.
     TopBottom,
     /// Red of the left eye's, green and blue of the right eye's.
     Anaglyph,
@@ -117,6 +128,15 @@ impl StereoPacking {
     /// Returns the number of eyes whose pictures share the display: 1 or 2.
     pub fn eyes(self) -> usize {
         if self == Self::None { 1 } else { 2 }
+    }
+
+    /// Returns how many pictures lie beside each other, and how many above each other.
+    pub fn parts(self) -> UVec2 {
+        match self {
+            Self::None | Self::Anaglyph => UVec2::ONE,
+            Self::SideBySide => UVec2::new(2, 1),
+            Self::TopBottom => UVec2::new(1, 2),
+        }
     }
 }
 
@@ -233,30 +253,14 @@ impl ChannelCalibration {
 
     /// The display's own width and height, for an upright picture of this size.
     pub fn display_size(&self, upright: UVec2) -> UVec2 {
-        let packed = match self.packing {
-            StereoPacking::None | StereoPacking::Anaglyph => upright,
-            StereoPacking::SideBySide => upright * UVec2::new(2, 1),
-            StereoPacking::TopBottom => upright * UVec2::new(1, 2),
-        };
-        match self.turn {
-            Orientation::None | Orientation::Half => packed,
-            Orientation::Left | Orientation::Right => UVec2::new(packed.y, packed.x),
-        }
+        self.turn.turned(upright) * self.packing.parts()
     }
 
     /// Returns the size of the upright picture for a display of this width and height: the inverse
     /// of [`Self::display_size`]. `None` if two pictures would have to share an odd side.
     pub fn upright_size(&self, display: UVec2) -> Option<UVec2> {
-        let packed = match self.turn {
-            Orientation::None | Orientation::Half => display,
-            Orientation::Left | Orientation::Right => UVec2::new(display.y, display.x),
-        };
-        let parts = match self.packing {
-            StereoPacking::None | StereoPacking::Anaglyph => UVec2::ONE,
-            StereoPacking::SideBySide => UVec2::new(2, 1),
-            StereoPacking::TopBottom => UVec2::new(1, 2),
-        };
-        (packed % parts == UVec2::ZERO).then(|| packed / parts)
+        let parts = self.packing.parts();
+        (display % parts == UVec2::ZERO).then(|| self.turn.turned(display / parts))
     }
 
     /// Returns the fault of numbers that came over the wire, if any.

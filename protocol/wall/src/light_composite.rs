@@ -265,41 +265,40 @@ impl<'a> LinearImage<'a> {
     }
 }
 
-/// The transform of an upright picture into a part of a display's: mirrored, packed, then turned.
+/// The transform of an upright picture into a part of a display's: mirrored, turned, then packed.
 #[derive(Clone, Copy, Debug)]
 struct DisplayTransform {
     turn: Orientation,
     is_mirrored: bool,
     upright: UVec2,
-    /// Its upper left corner among both eyes' pictures.
+    /// The upper left corner of this eye's part of the display.
     begin: UVec2,
-    packed: UVec2,
+    /// The width of the display.
+    width: u32,
 }
 
 impl DisplayTransform {
     fn new(adjustment: &ChannelCalibration, upright: UVec2, side: StereoEye) -> Self {
-        let (step, packed) = match adjustment.packing {
-            StereoPacking::None | StereoPacking::Anaglyph => (UVec2::ZERO, upright),
-            StereoPacking::SideBySide => (UVec2::X, upright * UVec2::new(2, 1)),
-            StereoPacking::TopBottom => (UVec2::Y, upright * UVec2::new(1, 2)),
-        };
-        let begin = if side == StereoEye::Right { step * upright } else { UVec2::ZERO };
         let (turn, is_mirrored) = (adjustment.turn, adjustment.mirror);
-        Self { turn, is_mirrored, upright, begin, packed }
+        let step = (adjustment.packing.parts() - 1) * turn.turned(upright);
+        let begin = if side == StereoEye::Right { step } else { UVec2::ZERO };
+        let width = adjustment.display_size(upright).x;
+        Self { turn, is_mirrored, upright, begin, width }
     }
 
     /// The number of the display's pixel that shows an upright one, row by row.
     fn index(&self, pixel: UVec2) -> usize {
         let x = if self.is_mirrored { self.upright.x - 1 - pixel.x } else { pixel.x };
-        let at = self.begin + UVec2::new(x, pixel.y);
-        let from_end = self.packed - 1 - at;
-        let (x, y, width) = match self.turn {
-            Orientation::None => (at.x, at.y, self.packed.x),
-            Orientation::Left => (from_end.y, at.x, self.packed.y),
-            Orientation::Right => (at.y, from_end.x, self.packed.y),
-            Orientation::Half => (from_end.x, from_end.y, self.packed.x),
+        let at = UVec2::new(x, pixel.y);
+        let from_end = self.upright - 1 - at;
+        let turned = match self.turn {
+            Orientation::None => at,
+            Orientation::Left => UVec2::new(from_end.y, at.x),
+            Orientation::Right => UVec2::new(at.y, from_end.x),
+            Orientation::Half => from_end,
         };
-        y as usize * width as usize + x as usize
+        let place = self.begin + turned;
+        place.y as usize * self.width as usize + place.x as usize
     }
 }
 

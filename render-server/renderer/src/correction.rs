@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use glam::{DMat3, DMat4, DVec2, DVec3};
+use glam::{DMat3, DMat4, DVec2, DVec3, UVec2};
 use polyptych_wall::limits::CURVE_POINTS_MAX;
 use polyptych_wall::warp_mesh::{WarpMesh, WarpVertex};
 use polyptych_wall::{Orientation, StereoPacking, TransferFunction};
@@ -130,45 +130,34 @@ impl CorrectionDesc {
         }
     }
 
-    /// Width and height of the packed pictures, before they are turned.
-    fn packed(&self) -> [u32; 2] {
-        let [width, height] = self.upright;
-        match self.packing {
-            StereoPacking::None | StereoPacking::Anaglyph => [width, height],
-            StereoPacking::SideBySide => [width.saturating_mul(2), height],
-            StereoPacking::TopBottom => [width, height.saturating_mul(2)],
-        }
+    /// Width and height of one eye's picture as it is turned for the display.
+    fn turned(&self) -> UVec2 {
+        self.turn.turned(self.upright.into())
     }
 
     /// Width and height of the display's own picture, in pixels.
     pub fn display_size(&self) -> [u32; 2] {
-        let [width, height] = self.packed();
-        match self.turn {
-            Orientation::None | Orientation::Half => [width, height],
-            Orientation::Left | Orientation::Right => [height, width],
-        }
+        self.turned().saturating_mul(self.packing.parts()).to_array()
     }
 
     /// The affine map from an eye's upright pixels to the display's, as rows x and y; exact, being
     /// made of 0, 1, −1 and whole numbers.
     pub(crate) fn display_from_upright(&self, eye: usize) -> [[f64; 3]; 2] {
-        let [upright_w, upright_h] = self.upright.map(f64::from);
-        let [width, height] = self.packed().map(f64::from);
-        let second = eye as f64;
-        let (dx, dy) = match self.packing {
-            StereoPacking::None | StereoPacking::Anaglyph => (0.0, 0.0),
-            StereoPacking::SideBySide => (upright_w * second, 0.0),
-            StereoPacking::TopBottom => (0.0, upright_h * second),
-        };
-        let x = if self.is_mirrored { [-1.0, 0.0, upright_w + dx] } else { [1.0, 0.0, dx] };
-        let y = [0.0, 1.0, dy];
+        let [width, height] = self.upright.map(f64::from);
+        let x = if self.is_mirrored { [-1.0, 0.0, width] } else { [1.0, 0.0, 0.0] };
+        let y = [0.0, 1.0, 0.0];
         let from = |side: f64, row: [f64; 3]| [-row[0], -row[1], side - row[2]];
-        match self.turn {
+        let mut rows = match self.turn {
             Orientation::None => [x, y],
             Orientation::Left => [from(height, y), x],
             Orientation::Right => [y, from(width, x)],
             Orientation::Half => [from(width, x), from(height, y)],
-        }
+        };
+        // The display takes the eyes apart in its own pixels.
+        let step = (self.packing.parts() - 1) * self.turned();
+        rows[0][2] += f64::from(step.x) * eye as f64;
+        rows[1][2] += f64::from(step.y) * eye as f64;
+        rows
     }
 
     /// Returns the first fault of the description; `None` if it is valid.

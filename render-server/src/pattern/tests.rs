@@ -5,7 +5,9 @@ use polyptych_wall::blend::BlendModel;
 use polyptych_wall::channel_calibration::ControlGrid;
 use polyptych_wall::projector::Projector;
 use polyptych_wall::surface::{Cylinder, Plane};
-use polyptych_wall::{ChannelKind, FrustumMode, Screen, Surface, TransferFunction, Wall};
+use polyptych_wall::{
+    ChannelKind, FrustumMode, Screen, StereoPacking, Surface, TransferFunction, Wall,
+};
 
 use super::*;
 

@@ -8,7 +8,7 @@ use glam::{DQuat, DVec2, DVec3};
 use polyptych_protocol::navigation::{Flight, Navigation};
 use polyptych_scene::Bounds;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::{ChannelCalibration, ChannelId, Orientation, StereoPacking, Wall};
+use polyptych_wall::{ChannelCalibration, ChannelId, Orientation, Wall};
 use serde::{Deserialize, Serialize};
 
 use super::{Cluster, Micros, SessionId};
@@ -164,8 +164,8 @@ fn moved(
     is_in_reach(camera, &next, eye, bounds).then_some(next)
 }
 
-/// Returns what a movement on a display is for who looks at its picture, which may be turned,
-/// packed for two eyes and mirrored on it.
+/// Returns what a movement on a display is for who looks at its picture, which may be mirrored,
+/// turned and packed for two eyes on it.
 fn upright(adjustment: &ChannelCalibration, navigation: &Navigation) -> Navigation {
     let seen = |by: DVec2| {
         let turned = match adjustment.turn {
@@ -176,12 +176,8 @@ fn upright(adjustment: &ChannelCalibration, navigation: &Navigation) -> Navigati
         };
         turned * DVec2::new(if adjustment.mirror { -1.0 } else { 1.0 }, 1.0)
     };
-    let pictures = match adjustment.packing {
-        StereoPacking::None | StereoPacking::Anaglyph => DVec2::ONE,
-        StereoPacking::SideBySide => DVec2::new(2.0, 1.0),
-        StereoPacking::TopBottom => DVec2::new(1.0, 2.0),
-    };
-    let (orbit_rad, pan) = (seen(navigation.orbit_rad), seen(navigation.pan) * pictures);
+    let pictures = adjustment.packing.parts().as_dvec2();
+    let (orbit_rad, pan) = (seen(navigation.orbit_rad), seen(navigation.pan * pictures));
     Navigation { orbit_rad, pan, ..navigation.clone() }
 }
 

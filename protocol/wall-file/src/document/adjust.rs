@@ -24,7 +24,7 @@ pub struct AdjustSection {
     /// For whose eye it is: one of two groups of channels for passive stereo.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub eye: Option<Eye>,
-    /// How the pictures of both eyes share this one display.
+    /// How the pictures of both eyes share this one display: its own pixels, however it is turned.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stereo: Option<StereoPacking>,
     /// By how many pixels, [x right, y down], the corners are moved: upper left, upper right,

@@ -35,7 +35,7 @@ fn every_key_arrives() {
     // Rows of the file are rows of the matrix: red takes a tenth of green.
     assert_eq!(found.color.matrix * DVec3::Y, DVec3::new(0.1, 1.0, 0.0));
     assert_eq!(found.color.curve, TransferFunction::Gamma(DVec3::splat(2.2)));
-    assert_eq!(wall.channels[0].display_size(), UVec2::new(320, 800));
+    assert_eq!(wall.channels[0].display_size(), UVec2::new(640, 400));
     let middle = DVec3::new(0.2, 0.25, 0.3);
     let measured = TransferFunction::Measured(vec![DVec3::ZERO, middle, DVec3::ONE]);
     assert_eq!(wall.channels[1].adjustment.color.curve, measured);

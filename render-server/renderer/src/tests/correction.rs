@@ -155,13 +155,11 @@ fn both_eyes_are_packed_exactly() {
     for ((l, r), both) in left.iter().zip(&right).zip(packed(StereoPacking::Anaglyph)) {
         assert_eq!(both[..3], [l[0], r[1], r[2]]);
     }
-    // A display that hangs on its side has the pair turned as one picture.
-    let turned = CorrectionDesc {
-        packing: StereoPacking::SideBySide,
-        turn: Orientation::Half,
-        ..identity()
-    };
-    assert!(corrected(&source, turned).iter().eq(beside.iter().rev()));
+    // A display that hangs upside down takes the eyes apart as it always does.
+    let turned =
+        CorrectionDesc { packing: StereoPacking::TopBottom, turn: Orientation::Half, ..identity() };
+    let wanted = left.iter().rev().chain(right.iter().rev());
+    assert!(corrected(&source, turned).iter().eq(wanted));
 }
 
 /// Display codes, 0 to 255, of the light by the words of [`CorrectionDesc`].
