@@ -141,6 +141,10 @@ impl Wall {
     }
 
     fn check_nearness(&self, channel: &Channel, of: Eye, eye: DVec3) -> Result<(), HeadError> {
+        if channel.cover == ChannelKind::Map {
+            // Its own points count, wherever its screen is.
+            return Ok(());
+        }
         let screen = self.screen_of(channel);
         let distances = match screen.eye_distance_min_m(channel, eye) {
             Some(least_m) => screen.frustum(eye).map(|seen| (seen.distance_m, least_m)),
@@ -210,6 +214,12 @@ mod tests {
         let within = HeadPose::facing_forward(DVec3::NEG_Z, 0.06);
         let error = wall.check_head(&within).expect_err("in the plane").to_string();
         assert!(error.contains("in the plane of screen front"), "{error}");
+        // Of a channel with mapped points the screen's place says nothing.
+        let mut mapped = wall;
+        mapped.channels[0].cover = ChannelKind::Map;
+        for head in [behind, within] {
+            assert_eq!(mapped.check_head(&head), Ok(()));
+        }
     }
 
     #[test]
