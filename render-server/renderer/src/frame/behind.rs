@@ -185,8 +185,8 @@ impl FrameResources {
     pub(super) fn behind_nothing(&mut self, gpu: &Gpu, scene: &GpuScene) -> Option<BehindBinding> {
         let is_used = scene.layout.keys.iter().any(PipelineKey::transmits);
         is_used.then(|| {
-            let texture = self.behind.texture(gpu, ([1, 1], 1));
-            BehindBinding { view: texture.all, uniforms: vec![BehindUniform::default()] }
+            let view = self.behind.any_view(gpu);
+            BehindBinding { view, uniforms: vec![BehindUniform::default()] }
         })
     }
 }
@@ -243,6 +243,12 @@ impl BehindPictures {
     pub fn texture(&mut self, gpu: &Gpu, sides: ([u32; 2], u32)) -> BehindTexture {
         let pass = self.pass.get_or_insert_with(|| BehindPass::new(gpu));
         pass.texture(gpu, self.texture.take(), sides)
+    }
+
+    /// A view for pipelines that show nothing of it: of the texture that is there, if one is.
+    fn any_view(&mut self, gpu: &Gpu) -> wgpu::TextureView {
+        let held = self.texture.take().unwrap_or_else(|| self.texture(gpu, ([1, 1], 1)));
+        self.texture.insert(held).all.clone()
     }
 
     /// Halves the levels, encodes what comes then, and submits all of it.
