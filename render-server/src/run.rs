@@ -378,7 +378,7 @@ impl Threads {
 
     fn join(self) -> Result<(), ServerError> {
         let panicked = |thread| ServerError::Panicked { thread };
-        let network = self.network.join().map_err(|_| panicked("network"))?;
+        let network = self.network.join().unwrap_or_else(|_| Err(panicked("network")));
         let rendered = self.rendered.recv_timeout(RENDER_END_TIME_MAX);
         let ended = self.ending.panicked().map_or(network, |thread| Err(panicked(thread)));
         match rendered {
