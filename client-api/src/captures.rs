@@ -1,6 +1,8 @@
-//! Pictures of the wall.
+//! Frames of the wall that move nothing, and its pictures.
 
+use polyptych_protocol::feedback::FrameFeedback;
 use polyptych_protocol::request::{Request, Response};
+use polyptych_wall::camera::Camera;
 
 use crate::client::Client;
 use crate::connection_handle::Wanted;
@@ -8,6 +10,15 @@ use crate::error::{ClientError, wrong_answer};
 use crate::image::{Capture, ChunkSink, ImageAssembler};
 
 impl Client {
+    /// Places the camera, if given, and renders a frame like [`Client::render_frame`]; on a paused
+    /// wall with the scene time of the frame before, so that nothing else moves.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub async fn redraw(&self, camera: Option<Camera>) -> Result<FrameFeedback, ClientError> {
+        self.frame("render a frame", Request::Redraw(camera)).await
+    }
+
     /// Draws and shows one frame, and returns its pictures: each screen as it hangs on the wall,
     /// and each channel.
     ///

@@ -455,7 +455,7 @@ impl Client {
         }
     }
 
-    async fn frame(
+    pub(crate) async fn frame(
         &self,
         name: &'static str,
         request: Request,

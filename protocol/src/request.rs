@@ -82,8 +82,7 @@ pub enum Request {
     /// Places display space in the scene, from the next frame on.
     SetCamera(Camera),
     /// Multiplies light before tone mapping, from the next frame on and until another scene is
-    /// opened, which sets the exposure that suits it ([`SceneSummary::exposure`]). Ends an
-    /// automatic one.
+    /// opened, which has its own ([`SceneSummary::exposure`]). Ends an automatic one.
     SetExposure(f32),
     /// Draws and shows one frame; answered by its feedback.
     RenderFrame {
@@ -120,11 +119,9 @@ pub enum Request {
     /// Moves the viewer's head, from the next frame on; refused where one of its eyes would not
     /// see the front of a screen.
     SetHead(HeadUpdate),
-    /// Lays these views over the wall's own picture, later ones over earlier ones, from the next
-    /// frame on; none: takes them away.
+    /// Lays these views over the wall's picture, the last on top, from the next frame on.
     SetViews(Vec<View>),
-    /// Lets all channels draw a test pattern instead of the scene, or the scene again; answered
-    /// as [`Request::SetDisplays`] is.
+    /// Lets channels draw a test pattern, or the scene again; answered as [`Self::SetDisplays`].
     SetPattern(Option<TestPattern>),
     /// Changes a channel's adjustment, all of it or nothing; answered once a frame with it was
     /// swapped. A wall that is paused makes one for it.
@@ -266,6 +263,9 @@ pub enum Request {
     /// Reports the state of the devices of the wall file that this client reads; they belong to the
     /// client until its connection ends.
     ReportDevices(Vec<DeviceStatus>),
+    /// Places the camera, where given, and draws one frame as [`Request::RenderFrame`] does; with
+    /// the scene time of the frame before if the wall is paused.
+    Redraw(Option<Camera>),
 }
 
 impl Request {
@@ -278,7 +278,7 @@ impl Request {
             Self::SetHead(_) => "set the head",
             Self::SetViews(_) => "set the views",
             Self::SetExposure(_) => "set the exposure",
-            Self::RenderFrame { .. } => "render a frame",
+            Self::RenderFrame { .. } | Self::Redraw(_) => "render a frame",
             Self::Run(_) => "run",
             Self::Pause => "pause",
             Self::Capture { .. } => "capture the wall",
@@ -376,8 +376,8 @@ pub enum Response {
     Done,
     /// To [`Request::OpenScene`].
     SceneOpened(SceneSummary),
-    /// To [`Request::RenderFrame`], [`Request::SetDisplays`] and [`Request::SetPattern`]: the frame
-    /// from which on it holds.
+    /// To [`Request::RenderFrame`], [`Request::Redraw`], [`Request::SetDisplays`] and
+    /// [`Request::SetPattern`]: the frame from which on it holds.
     Frame(FrameFeedback),
     /// To [`Request::Capture`] and [`Request::Preview`]: which frame, and the pictures that were
     /// sent before this.

@@ -52,10 +52,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let kept = if arguments.no_rate { None } else { before.rate_fps };
     let bounds =
         QualityBounds { error_px: error.unwrap_or(before.error_px), rate_fps: rate.or(kept) };
-    let is_changed = bounds != before;
-    if is_changed {
+    if bounds != before {
         client.set_bounds(bounds)?;
     }
+    let is_asked = error.is_some() || rate.is_some() || arguments.no_rate;
     let status = client.status()?;
     let (in_force_px, scale) = (status.error_in_force_px, status.resolution_scale);
     if arguments.json {
@@ -66,7 +66,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             "error_in_force_px": in_force_px,
             "resolution_scale": scale,
         }))?;
-        return seen::conclude(&client, is_changed);
+        return seen::conclude(&client, is_asked);
     }
     let rate = match bounds.rate_fps {
         Some(rate) => format!("at least {rate} frames per second"),
@@ -81,5 +81,5 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         "an error of at most {} pixels, {rate}; in force: {in_force_px:.2} pixels{resolution}",
         bounds.error_px
     ))?;
-    seen::conclude(&client, is_changed)
+    seen::conclude(&client, is_asked)
 }

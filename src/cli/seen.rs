@@ -184,12 +184,12 @@ fn await_late(client: &Client, names: &[&str], frame: FrameId) -> anyhow::Result
     }
 }
 
-/// Draws a frame with what was set, and says who sees it.
+/// Draws a frame with what was set, and says who sees it. A paused wall stays at its scene time.
 ///
 /// # Errors
 /// The manager does not answer, or refuses the frame.
 pub(super) fn show(client: &Client) -> anyhow::Result<ExitCode> {
-    let seen = Seen::of(client, &client.render_frame()?)?;
+    let seen = Seen::of(client, &client.redraw(None)?)?;
     say(seen.in_words())?;
     Ok(seen.conclude())
 }
@@ -203,7 +203,7 @@ pub(super) fn conclude(client: &Client, is_changed: bool) -> anyhow::Result<Exit
     if !is_changed {
         return Ok(ExitCode::SUCCESS);
     }
-    Ok(Seen::of(client, &client.render_frame()?)?.conclude())
+    Ok(Seen::of(client, &client.redraw(None)?)?.conclude())
 }
 
 /// Waits until every display that may soon be ready could draw: for `wait`, where given, else for

@@ -88,6 +88,7 @@ impl Cluster {
             Request::SetBounds(bounds) => self.set_bounds(bounds)?,
             Request::SetEnvironment(source) => return self.set_environment(now, job, source),
             frame @ (Request::RenderFrame { .. }
+            | Request::Redraw(_)
             | Request::Capture { .. }
             | Request::Preview { .. }
             | Request::SetDisplays(_)
@@ -250,17 +251,23 @@ impl Cluster {
                 order.camera = camera.map(checked_camera).transpose()?;
                 order.time_s = time_s;
             }
+            Request::Redraw(camera) => {
+                order.camera = camera.map(checked_camera).transpose()?;
+                order.keeps_time = true;
+            }
             Request::Capture { time_s } => {
                 (order.capture, order.time_s) = (Some(NonZeroU32::MIN), time_s);
             }
             Request::Preview { width } => {
                 let side = preview_side(&self.wall, width);
                 (order.capture, order.is_preview) = (Some(side), true);
+                order.keeps_time = true;
             }
             Request::SetDisplays(mode) => order.wish = Some(OutputChange::Displays(mode)),
             Request::SetPattern(pattern) => order.wish = Some(OutputChange::Pattern(pattern)),
             _ => {}
         }
+        order.keeps_time |= order.wish.is_some();
         self.order(order)
     }
 

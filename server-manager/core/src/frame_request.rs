@@ -17,8 +17,10 @@ pub(super) struct FrameRequest {
     pub time_s: Option<f64>,
     /// The side of the squares of pixels that its pictures have the mean light of, if any are sent.
     pub capture: Option<NonZeroU32>,
-    /// `true` for pictures that a person watches: neither scene time nor others wait for them.
+    /// `true` for pictures that a person watches: others do not wait for them.
     pub is_preview: bool,
+    /// A paused wall keeps the scene time of the frame before.
+    pub keeps_time: bool,
     /// The output change that takes effect with this frame, if the request has one.
     pub wish: Option<OutputChange>,
 }
@@ -33,6 +35,14 @@ pub(super) enum OutputChange {
 impl FrameRequest {
     /// A frame of the wall as it stands.
     pub fn unchanged(job: ClientRequest) -> Self {
-        Self { job, camera: None, time_s: None, capture: None, is_preview: false, wish: None }
+        Self {
+            job,
+            camera: None,
+            time_s: None,
+            capture: None,
+            is_preview: false,
+            keeps_time: false,
+            wish: None,
+        }
     }
 }

@@ -87,10 +87,9 @@ impl Cluster {
     }
 
     /// Returns whether scene time goes on with a frame: it is asked for, or comes by itself. What a
-    /// paused wall shows in another output mode, or with a pattern, stays as it was.
+    /// paused wall shows in another output mode or light, or with a pattern, stays as it was.
     pub(super) fn is_timed(&self, order: Option<&FrameRequest>) -> bool {
-        let is_asked = |order: &FrameRequest| !order.is_preview && order.wish.is_none();
-        order.is_some_and(is_asked) || self.pacer.pace().is_some()
+        order.is_some_and(|order| !order.keeps_time) || self.pacer.pace().is_some()
     }
 
     /// Lets the wall draw by itself, or not. A pause moves nothing: tours and clips go on from the

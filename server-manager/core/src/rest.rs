@@ -81,7 +81,7 @@ impl Rest {
 /// Returns whether a request uses the wall.
 fn is_use(request: &Request) -> bool {
     match request {
-        Request::RenderFrame { camera, .. } => camera.is_some(),
+        Request::RenderFrame { camera, .. } | Request::Redraw(camera) => camera.is_some(),
         Request::OpenScene { .. }
         | Request::OpenSession { .. }
         | Request::CloseScene

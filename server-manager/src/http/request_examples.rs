@@ -44,6 +44,7 @@ fn of_wall() -> Vec<Request> {
     let changes = vec![CalibrationChange::Pin { corner: Corner::UpperLeft, to }];
     vec![
         Request::RenderFrame { camera: Some(Camera::IDENTITY), time_s: Some(1.5) },
+        Request::Redraw(Some(Camera::IDENTITY)),
         Request::Run(Pacing::Rate(30.0)),
         Request::Pause,
         Request::Capture { time_s: None },

@@ -237,6 +237,7 @@ pub(super) fn is_everyday(request: &Request) -> bool {
     matches!(
         request,
         Request::RenderFrame { .. }
+            | Request::Redraw(_)
             | Request::SetCamera(_)
             | Request::SetHead(_)
             | Request::Fly(_)

@@ -273,6 +273,7 @@ fn calls() -> Vec<RequestMessage> {
         Request::SetExposure(2.0),
         Request::RenderFrame { camera: Some(camera()), time_s: Some(1.0) },
         Request::RenderFrame { camera: None, time_s: None },
+        Request::Redraw(Some(camera())),
         Request::Run(Pacing::Free),
         Request::Run(Pacing::Rate(60.0)),
         Request::Pause,

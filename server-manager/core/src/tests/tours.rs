@@ -177,10 +177,15 @@ fn a_pause_holds_a_tour_on_the_walls_own_clock() {
     frame_at(&mut stage, 6_500_000, None);
     // A film in the pause has its own times.
     frame_at(&mut stage, 7_000_000, Some(9.0));
-    // What is shown with a pattern has none.
+    // What is shown with a pattern or in another light has none.
     stage.now = 30_000_000;
     stage.request(Request::SetPattern(Some(TestPattern::Grid)));
     stage.draw(&[0, 1], 0);
+    stage.now = 45_000_000;
+    stage.frames.clear();
+    stage.request(Request::Redraw(None));
+    stage.draw(&[0, 1], 0);
+    assert!(stage.frames.iter().all(|(_, frame)| frame.time_s == 9.0));
     stage.now = 60_000_000;
     stage.frames.clear();
     stage.request(Request::Run(Pacing::Rate(1.0)));

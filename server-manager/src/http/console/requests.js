@@ -4,13 +4,18 @@ import { byId } from "./state.js";
 
 const LOG_LINES_MAX = 200;
 
-function curlLine(method, path, body) {
+/** Returns a request as a line for curl, with what lets it in at an origin: a token, or keys. */
+export function curlLine(method, path, body, origin = location.origin) {
   const quoted = (text) => "'" + text.replaceAll("'", "'\\''") + "'";
   const data = body === undefined ? "" :
     ` -H 'Content-Type: application/json' -d ${quoted(JSON.stringify(body))}`;
+  const line = (login) => `curl -X ${method} ${login}${data} ${quoted(origin + path)}`;
+  if (origin.startsWith("https:")) {
+    const file = (name) => `"$POLYPTYCH_KEYS/${name}.pem"`;
+    return line(`--cacert ${file("authority")} --cert ${file("cert")} --key ${file("key")}`);
+  }
   // printf is the shell's own: the token is in the arguments of no process, which all users see.
-  return `printf 'Authorization: Bearer %s' "$(polyptych login --token)" | ` +
-    `curl -X ${method} -H @-${data} ` + quoted(location.origin + path);
+  return `printf 'Authorization: Bearer %s' "$(polyptych login --token)" | ${line("-H @-")}`;
 }
 
 /** Asks, and returns the answer; fails with what the manager says. */
@@ -51,7 +56,7 @@ export const read = (path) => fetch(path)
 export async function actAndDraw(method, path, body) {
   const done = await act(method, path, body);
   if (done === undefined) return done;
-  await ask("POST", "/api/v1/frame", {}, false).catch(() => undefined);
+  await ask("POST", "/api/v1/frame", { keeps_time: true }, false).catch(() => undefined);
   return done;
 }
 

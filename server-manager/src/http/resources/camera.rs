@@ -195,7 +195,7 @@ pub(in crate::http) async fn show_view(
         let reason = format!("no view is stored as {name:?}; there are: {}", names.join(", "));
         return Err(Refusal::not_found(reason));
     };
-    let frame = Request::RenderFrame { camera: Some(view.camera), time_s: None };
+    let frame = Request::Redraw(Some(view.camera));
     let shown = connection.ask(&call.headers, frame).await?;
     let WallResponse::Frame(frame) = shown.response else {
         return Err(Refusal::unavailable("the manager sent another answer"));

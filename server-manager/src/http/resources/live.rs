@@ -298,7 +298,7 @@ async fn answer_moves(
     let camera = camera.filter(|_| fault.is_none());
     errors.extend(fault.map(|fault| format!("camera: {fault}")));
     if is_moved || camera.is_some() {
-        let frame = WallRequest::RenderFrame { camera, time_s: None };
+        let frame = WallRequest::Redraw(camera);
         match client.ask(frame).await {
             Ok(answered) => {
                 if let WallResponse::Frame(frame) = answered.response {

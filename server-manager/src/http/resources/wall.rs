@@ -56,12 +56,20 @@ pub(in crate::http) const ROUTES: &[Route] = &[
         method: "POST",
         path: "/frame",
         summary: "Draws and shows one frame, and returns its feedback. Camera and scene time are \
-                  set first where they are given.",
+                  set first where they are given; with `keeps_time` a paused wall stays at the \
+                  time of the frame before.",
         query: &[],
         body: Some(|| json!({ "camera": Camera::IDENTITY, "time_s": 1.5 })),
         action: Action::Ask(|call| {
-            let FrameBody { camera, time_s } = call.parse()?;
-            Ok(Request::RenderFrame { camera, time_s })
+            let FrameBody { camera, time_s, keeps_time } = call.parse()?;
+            if keeps_time && time_s.is_some() {
+                return Err(Refusal::malformed("give time_s or keeps_time, not both"));
+            }
+            Ok(if keeps_time {
+                Request::Redraw(camera)
+            } else {
+                Request::RenderFrame { camera, time_s }
+            })
         }),
     },
     Route {
@@ -91,6 +99,9 @@ pub(in crate::http) const ROUTES: &[Route] = &[
 struct FrameBody {
     camera: Option<Camera>,
     time_s: Option<f64>,
+    /// A paused wall stays at the scene time of the frame before.
+    #[serde(default)]
+    keeps_time: bool,
 }
 
 #[derive(Deserialize)]
