@@ -227,8 +227,11 @@ impl ConnectionHandle {
 
 impl State {
     /// Returns whether a request may still be sent: it must not once its time to wait for a
-    /// connection is over, since callers are then told that nothing was sent.
-    fn is_due(&self, now: Instant, outgoing: &Outgoing) -> bool {
+    /// connection or for those before it is over, since callers have then given it up.
+    fn is_due(&mut self, now: Instant, outgoing: &Outgoing) -> bool {
+        if self.open.take_unsent(outgoing.id) {
+            return false;
+        }
         let is_older = self.lost.is_some() || outgoing.connection != self.connection;
         let unsent_until = || self.unsent_until.filter(|_| is_older);
         // A caller may have dropped the answer, and wants the request done all the same.

@@ -35,13 +35,16 @@ pub(crate) struct OpenRequest<W> {
 pub(crate) struct InFlight<W> {
     open: BTreeMap<RequestId, OpenRequest<W>>,
     deadlines: BTreeSet<(Instant, RequestId)>,
+    /// Requests whose time was over before they were sent, as long as they wait to be.
+    unsent: BTreeSet<RequestId>,
     next: u64,
 }
 
 impl<W> InFlight<W> {
     /// An empty table.
     pub fn new() -> Self {
-        Self { open: BTreeMap::new(), deadlines: BTreeSet::new(), next: 1 }
+        let (open, deadlines, unsent) = (BTreeMap::new(), BTreeSet::new(), BTreeSet::new());
+        Self { open, deadlines, unsent, next: 1 }
     }
 
     /// Takes a request in, and gives it its number; `None` where the table is full.
@@ -136,7 +139,16 @@ impl<W> InFlight<W> {
     /// Takes one request out whose time is over; call it until it gives `None`.
     pub fn expire(&mut self, now: Instant) -> Option<OpenRequest<W>> {
         let (deadline, id) = *self.deadlines.first()?;
-        if deadline > now { None } else { self.remove(id) }
+        let expired = if deadline > now { None } else { self.remove(id) };
+        if expired.as_ref().is_some_and(|of| !of.is_sent) {
+            self.unsent.insert(id);
+        }
+        expired
+    }
+
+    /// Returns whether its time was over before it was sent, and forgets it.
+    pub fn take_unsent(&mut self, id: RequestId) -> bool {
+        self.unsent.remove(&id)
     }
 
     /// Takes all requests out, the oldest first.

@@ -118,6 +118,20 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
+    async fn what_waited_too_long_behind_others_is_not_sent() {
+        let (link, mut queue) = connected();
+        let mut given_up = link.post(Request::Pause, Wanted::default()).expect("posted");
+        drop(link.post(Request::Pause, Wanted::default()).expect("posted"));
+        // A large request before them leaves slowly.
+        wait(&link, ConnectOptions::new("wall-3").timeouts.other).await;
+        let error = given_up.poll().expect("an answer").expect_err("its time is over");
+        assert!(matches!(error, ClientError::TimedOut { .. }), "{error}");
+        let taken = std::iter::from_fn(|| queue.try_recv());
+        let sent: Vec<_> = taken.map(|next| link.shared.take_to_send(next).is_some()).collect();
+        assert_eq!(sent, [false, true], "nobody was told of the second");
+    }
+
+    #[tokio::test(start_paused = true)]
     async fn requests_whose_time_is_over_leave_room_for_others_during_an_outage() {
         let (link, mut queue) = connected();
         link.shared.handle_loss(&CloseReason::lost("torn"));
