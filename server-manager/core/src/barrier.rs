@@ -115,10 +115,10 @@ impl Barrier {
         self.busy_us.values().copied().max()
     }
 
-    /// Returns whether the time of the slowest server is that of a trial: no other frame takes it.
-    fn is_slowed_by_trial(&self) -> bool {
-        let slowest = self.busy_us.iter().max_by_key(|(_, us)| **us);
-        slowest.is_some_and(|(server, _)| self.tried.contains(server))
+    /// The longest that a server drew as it draws most frames: without a trial.
+    fn slowest_untried_us(&self) -> Option<u32> {
+        let untried = self.busy_us.iter().filter(|(server, _)| !self.tried.contains(server));
+        untried.map(|(_, us)| *us).max()
     }
 
     /// The channel that took longest to draw, of those that the frame waited for.
@@ -424,8 +424,7 @@ impl Cluster {
             // One that was not waited for any longer took as long as that.
             let missed_us = now.saturating_sub(barrier.turn + lead_us);
             let missed_us = (!barrier.waited.is_empty()).then_some(missed_us);
-            let typical_us = slowest_us.filter(|_| !barrier.is_slowed_by_trial());
-            if let Some(us) = typical_us.map(Micros::from).max(missed_us) {
+            if let Some(us) = barrier.slowest_untried_us().map(Micros::from).max(missed_us) {
                 self.rate_bound.add(&self.presentation.bounds, us, barrier.reduction);
             }
         }
