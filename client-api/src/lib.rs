@@ -110,7 +110,9 @@ pub use polyptych_protocol::quality_bounds::{DrawnDetail, ERROR_PX_MAX, QualityB
 pub use polyptych_protocol::request::{Pacing, Request, Response, SceneSummary, StoppedServers};
 pub use polyptych_protocol::saved_scene::{SAVED_PREFIX, SavedScene};
 pub use polyptych_protocol::saved_session::{OpenedSession, SavedSession};
-pub use polyptych_protocol::scene_file_list::{SCENE_FILES_MAX, SceneFileInfo, SceneFileList};
+pub use polyptych_protocol::scene_file_list::{
+    SCENE_FILES_MAX, SCENE_FOLDERS, SceneFileInfo, SceneFileList,
+};
 pub use polyptych_protocol::screen_rest::{LitHours, RestRules, RestStatus};
 pub use polyptych_protocol::stored_view::StoredView;
 pub use polyptych_protocol::tour_status::TourStatus;

@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 /// Maximum number of files in a list: its JSON takes 512 KiB at most.
 pub const SCENE_FILES_MAX: usize = 1024;
 
+/// In refusals of a file that lies in none of them.
+pub const SCENE_FOLDERS: &str = "the manager's scene folders";
+
 /// The glTF files in the manager's scene folders.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SceneFileList {

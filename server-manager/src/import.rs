@@ -14,6 +14,7 @@ use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::clip::ClipSummary;
 use polyptych_protocol::ids::Revision;
 use polyptych_protocol::request::SceneSummary;
+use polyptych_protocol::scene_file_list::SCENE_FOLDERS;
 use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{Animations, Clip, Scene, SceneFeatures, SceneOutline};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
@@ -78,9 +79,9 @@ pub fn resolve(path: &str, roots: &[PathBuf]) -> Result<PathBuf, String> {
         }
     }
     Err(if is_outside {
-        format!("{path}: outside the manager's scene folders ({})", list())
+        format!("{path}: outside {SCENE_FOLDERS} ({})", list())
     } else {
-        format!("{path}: not found in the manager's scene folders ({})", list())
+        format!("{path}: not found in {SCENE_FOLDERS} ({})", list())
     })
 }
 

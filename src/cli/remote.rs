@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::bail;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::DVec3;
-use polyptych_client::{ClientError, SceneFile, SceneSummary, fit_bounds};
+use polyptych_client::{ClientError, SCENE_FOLDERS, SceneFile, SceneSummary, fit_bounds};
 use polyptych_text::{counted, printable};
 
 use super::progress::ProgressReport;
@@ -48,18 +48,27 @@ pub(super) fn path_from_here(file: &str) -> String {
     from_here.map_or_else(|| file.to_owned(), |path| path.display().to_string())
 }
 
-/// Asks for a file that is here, and where the manager refuses that, for the one of this name in
-/// its own folders. The error is that of the first.
+/// Asks for a file that is here, and where that is none of the manager's, for the one of this name
+/// in its folders. Whatever else becomes of a request, it is made once.
 ///
 /// # Errors
-/// The manager has neither.
-pub(super) fn here_or_there<T, E>(
+/// The manager has neither, or the request for the one that it has failed.
+pub(super) fn here_or_there<T>(
     file: &str,
-    mut ask: impl FnMut(&str) -> Result<T, E>,
-) -> Result<T, E> {
+    mut ask: impl FnMut(&str) -> Result<T, ClientError>,
+) -> Result<T, ClientError> {
     let here = path_from_here(file);
-    ask(&here)
-        .or_else(|refused| if here == file { Err(refused) } else { ask(file).or(Err(refused)) })
+    match ask(&here) {
+        Err(refused) if here != file && is_elsewhere(&refused) => {
+            ask(file).map_err(|other| if is_elsewhere(&other) { refused } else { other })
+        }
+        asked => asked,
+    }
+}
+
+/// Returns whether a file was refused because it is in none of the manager's folders.
+fn is_elsewhere(error: &ClientError) -> bool {
+    matches!(error, ClientError::Failed { reason, .. } if reason.contains(SCENE_FOLDERS))
 }
 
 pub(super) fn open(arguments: &OpenArguments) -> anyhow::Result<ExitCode> {
@@ -167,4 +176,32 @@ pub(super) fn field_of_view(text: &str) -> Result<f64, String> {
 
 pub(super) fn point(text: &str) -> Result<DVec3, String> {
     numbers::<3>(text).map(DVec3::from_array)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_is_in_no_folder_is_asked_for_again() {
+        let elsewhere = format!("x: not found in {SCENE_FOLDERS} (none)");
+        let cases: [(&[&str], &str, usize); 3] = [
+            (&["another scene was opened before this one was ready"], "another scene", 1),
+            (&[&elsewhere, "it is no glTF"], "it is no glTF", 2),
+            (&[&elsewhere, &elsewhere], "not found", 2),
+        ];
+        for (reasons, said, count) in cases {
+            let mut asked = Vec::new();
+            // A file that is here.
+            let ended = here_or_there("Cargo.toml", |path| {
+                let reason = reasons[asked.len()].to_owned();
+                asked.push(path.to_owned());
+                Err::<(), _>(ClientError::Failed { request: "open the scene", reason })
+            });
+            assert!(ended.expect_err("refused").to_string().contains(said), "{said}");
+            assert_eq!(asked.len(), count, "{asked:?}");
+            assert!(asked[0].ends_with("/Cargo.toml"), "{asked:?}");
+            assert!(count == 1 || asked[1] == "Cargo.toml", "{asked:?}");
+        }
+    }
 }
