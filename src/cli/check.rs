@@ -51,15 +51,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             Ok(ExitCode::SUCCESS)
         }
         Err(error) if arguments.json => {
-            let what = serde_json::json!({ "error": {
-                "file": error.path(),
-                "line": error.line(),
-                "column": error.column(),
-                "key": error.key(),
-                "what": error.what(),
-                "remedy": error.remedy(),
-            }});
-            say(serde_json::to_string_pretty(&what)?)?;
+            let (file, what, remedy) = (error.path(), error.what(), error.remedy());
+            let mut said = serde_json::json!({ "file": file, "what": what, "remedy": remedy });
+            // A file that could not be read has no lines.
+            if error.line() > 0 {
+                said["line"] = error.line().into();
+                said["column"] = error.column().into();
+                said["key"] = error.key().into();
+            }
+            say(serde_json::to_string_pretty(&serde_json::json!({ "error": said }))?)?;
             Ok(ExitCode::FAILURE)
         }
         Err(error) => Err(anyhow::anyhow!("{error}")),

@@ -346,6 +346,10 @@ fn end_on_interrupt(end: &Arc<EndRequest>, folder: &Path) -> anyhow::Result<()> 
     let mut watch = interrupts();
     watch.work.retain(|(end, _)| end.strong_count() > 0);
     watch.work.push((Arc::downgrade(end), folder.to_owned()));
+    // The user has asked while no wall was there.
+    if watch.is_interrupted {
+        end.request(Ending::Interrupted);
+    }
     if !watch.is_running {
         watch_shutdown_signals(false, interrupt)?;
         watch.is_running = true;

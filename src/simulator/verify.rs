@@ -134,7 +134,8 @@ impl Walls<'_> {
             let shape = |of: &Channel| (of.name.clone(), of.size, of.display_size());
             if shape(a) != shape(b) {
                 let text = |channel: &Channel| {
-                    format!("{} of {} pixels", channel.name, channel.display_size())
+                    let (name, turn) = (&channel.name, channel.adjustment.turn);
+                    format!("{name} of {} pixels, turned {turn:?}", channel.size)
                 };
                 let (a, b) = (text(a), text(b));
                 bail!("channel {a} is {b} as built; give both files the same channels, in order");

@@ -17,9 +17,16 @@ const VIDEO_ENDINGS: [&str; 3] = ["mp4", "mkv", "webm"];
 /// The frames of a film that are written.
 pub(super) enum FilmOutput {
     /// A PNG for each screen and frame.
-    Folder(PathBuf),
+    Folder(NumberedFiles),
     /// A video of the screens side by side.
     Video(Video),
+}
+
+/// Files of a folder, numbered by frames.
+pub(super) struct NumberedFiles {
+    folder: PathBuf,
+    /// The files of the frame after those that were written.
+    next: Vec<PathBuf>,
 }
 
 /// A video that ffmpeg encodes.
@@ -43,7 +50,7 @@ impl FilmOutput {
     pub fn new(out: &Path, fps: f64) -> anyhow::Result<Self> {
         let Some(ending) = out.extension() else {
             outputs::make_folder(out)?;
-            return Ok(Self::Folder(out.to_owned()));
+            return Ok(Self::Folder(NumberedFiles { folder: out.to_owned(), next: Vec::new() }));
         };
         if !VIDEO_ENDINGS.iter().any(|known| ending.eq_ignore_ascii_case(known)) {
             bail!(
@@ -63,15 +70,7 @@ impl FilmOutput {
     /// The disk or ffmpeg takes nothing, or screens have another size than before.
     pub fn write(&mut self, frame: u32, capture: &Capture) -> anyhow::Result<()> {
         match self {
-            Self::Folder(folder) => capture.screens.iter().try_for_each(|screen| {
-                let name = format!("{}-{frame:06}.png", screen.name);
-                // A name of a peer must not lead out of the folder.
-                if name.contains(['/', '\0']) {
-                    bail!("screen {}: its name cannot stand in a file's name", screen.name);
-                }
-                let path = folder.join(name);
-                image_files::save_png(&path, &image_files::to_image(screen)?)
-            }),
+            Self::Folder(files) => files.write(frame, capture),
             Self::Video(video) => video.write(&image_files::side_by_side(&capture.screens)?),
         }
     }
@@ -82,9 +81,38 @@ impl FilmOutput {
     /// The failure of ffmpeg.
     pub fn finish(self) -> anyhow::Result<()> {
         match self {
-            Self::Folder(_) => Ok(()),
+            Self::Folder(files) => {
+                for path in files.of_earlier() {
+                    tracing::warn!(
+                        "{} and files after it are of an earlier, longer film; remove them",
+                        path.display()
+                    );
+                }
+                Ok(())
+            }
             Self::Video(video) => video.finish(),
         }
+    }
+}
+
+impl NumberedFiles {
+    fn write(&mut self, frame: u32, capture: &Capture) -> anyhow::Result<()> {
+        self.next.clear();
+        for screen in &capture.screens {
+            // A name of a peer must not lead out of the folder.
+            if screen.name.contains(['/', '\0']) {
+                bail!("screen {}: its name cannot stand in a file's name", screen.name);
+            }
+            let path = |frame: u32| self.folder.join(format!("{}-{frame:06}.png", screen.name));
+            image_files::save_png(&path(frame), &image_files::to_image(screen)?)?;
+            self.next.push(path(frame + 1));
+        }
+        Ok(())
+    }
+
+    /// The first files of an earlier, longer film: a video made of all files would end with them.
+    fn of_earlier(&self) -> impl Iterator<Item = &PathBuf> {
+        self.next.iter().filter(|path| path.exists())
     }
 }
 
@@ -153,6 +181,8 @@ impl Encoder {
 
 #[cfg(test)]
 mod tests {
+    use polyptych_client::{FrameId, Image};
+
     use super::*;
 
     #[test]
@@ -172,5 +202,25 @@ mod tests {
             assert!(matches!(FilmOutput::new(&out, 30.0), Ok(FilmOutput::Folder(_))));
         }
         assert!(out.is_dir());
+    }
+
+    #[test]
+    fn files_of_an_earlier_longer_film_are_found() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (name, rgba) = ("front".to_owned(), vec![255; 4]);
+        let capture = Capture {
+            frame: FrameId(1),
+            screens: vec![Image { name, width: 1, height: 1, rgba }],
+            channels: Vec::new(),
+            missing: Vec::new(),
+        };
+        let mut files = NumberedFiles { folder: folder.path().to_owned(), next: Vec::new() };
+        for frame in 0..3 {
+            files.write(frame, &capture).expect("written");
+        }
+        assert_eq!(files.of_earlier().count(), 0);
+        files.write(1, &capture).expect("written");
+        let next: Vec<_> = files.of_earlier().collect();
+        assert_eq!(next, [&folder.path().join("front-000002.png")]);
     }
 }

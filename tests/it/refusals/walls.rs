@@ -82,6 +82,9 @@ fn a_wall_file_that_is_wrong_is_refused_with_its_place() {
         let error: serde_json::Value = serde_json::from_str(&json.output).expect("JSON");
         assert!(error["error"]["line"].as_u64() > Some(0), "{what}: {error}");
     }
+    let absent = place.run(["check", "--json", "absent.toml"]);
+    let error: serde_json::Value = serde_json::from_str(&absent.output).expect("JSON");
+    assert!(error["error"]["file"] == "absent.toml" && error["error"].get("line").is_none());
     // Overlaps blend, and holes beside them are shown.
     place.write("wall.toml", WALL.replacen("[100, 0]", "[90, 0]", 1));
     let table = place.run(["check", "wall.toml"]).succeeded();
