@@ -113,9 +113,11 @@ impl Buffer {
             return;
         }
         let others = state.bytes - state.beginning_bytes;
-        let is_slow = !is_state && others + bytes > BUFFER_BYTES_MAX;
+        // One that is larger than the buffer has it for itself.
+        let is_slow = !is_state && others > 0 && others + bytes > BUFFER_BYTES_MAX;
         if is_slow || segment_bytes > self.segment_bytes_max {
-            tracing::warn!("the disk is too slow for the recording, which has a gap here");
+            let reason = if is_slow { "the disk is too slow" } else { "a part is full" };
+            tracing::warn!(reason, bytes, "the recording has a gap here");
             state.has_lost = true;
             return;
         }
