@@ -20,8 +20,9 @@ use super::{keys, pictures, wait};
 /// are slow, and a picture without a channel is not what most tests are about.
 const PATIENCE_MS: u32 = 20_000;
 
-/// A port that the system chooses.
-pub const ANY_PORT: &str = "127.0.0.1:0";
+/// A port that the system chooses. The address is not that which connections begin at: one of those
+/// may take the port of a manager while it is started again.
+pub const ANY_PORT: &str = "127.0.0.2:0";
 
 /// A manager and its servers; they end with it.
 #[derive(Debug)]

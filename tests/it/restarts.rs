@@ -6,6 +6,7 @@ use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::Path;
 
+use crate::harness::local_wall::ANY_PORT;
 use crate::harness::place::TestDir;
 use crate::harness::process::Process;
 use crate::harness::wait;
@@ -53,7 +54,7 @@ impl Desk {
         let place = TestDir::new();
         fs::create_dir_all(place.path("t3/scenes")).expect("made");
         let path = place.write("t3/t.toml", WALL);
-        let (manager, address) = start(&place, &place.path("t3"), &path, "127.0.0.1:0");
+        let (manager, address) = start(&place, &place.path("t3"), &path, ANY_PORT);
         Self { place, address, manager }
     }
 

@@ -13,7 +13,7 @@ use polyptych_client::blocking::Client;
 use polyptych_client::{Camera, ChannelState, ConnectOptions, Pacing, Quantiles, Wall};
 use rustix::process::Signal;
 
-use crate::harness::local_wall::{await_states, screen_of, small, start_server, tiled};
+use crate::harness::local_wall::{ANY_PORT, await_states, screen_of, small, start_server, tiled};
 use crate::harness::place::TestDir;
 use crate::harness::process::Process;
 use crate::harness::scenes::Gltf;
@@ -45,7 +45,7 @@ struct Pair {
 
 /// A port that was free just now.
 fn free_address() -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let listener = TcpListener::bind(ANY_PORT).expect("a port");
     listener.local_addr().expect("an address").to_string()
 }
 

@@ -6,7 +6,7 @@ use polyptych_client::{ChannelState, FrameFeedback};
 use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::harness::local_wall::{LocalWall, await_states, small, start_server};
+use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, small, start_server};
 use crate::harness::pictures::{color_count, read};
 use crate::harness::place::TestDir;
 use crate::harness::process::Process;
@@ -19,7 +19,7 @@ fn processes_start_in_any_order_and_the_command_drives_them() {
     let wall = small(2, 1);
     let place = TestDir::new();
     // A port that was free a moment ago: the server must know it before the manager does.
-    let address = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
+    let address = TcpListener::bind(ANY_PORT).and_then(|listener| listener.local_addr());
     let address = address.expect("a free port").to_string();
     let early = wall.channels[0].server.clone();
     let mut server = start_server(&place, &wall, &early, &address);

@@ -9,7 +9,7 @@ use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, ConnectOptions, Pacing};
 use rustix::process::Signal;
 
-use crate::harness::local_wall::{await_states, small, start_server};
+use crate::harness::local_wall::{ANY_PORT, await_states, small, start_server};
 use crate::harness::place::TestDir;
 use crate::harness::scenes::town;
 use crate::harness::{signals, wait};
@@ -33,7 +33,7 @@ impl Drop for Unread {
 
 /// Starts it, with a port that is free now.
 fn start(place: &TestDir) -> Unread {
-    let free = std::net::TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr());
+    let free = std::net::TcpListener::bind(ANY_PORT).and_then(|l| l.local_addr());
     let address = free.expect("a port").to_string();
     place.write("wall.toml", polyptych_wall_file::to_toml(&small(1, 1)));
     let scenes = town().parent().expect("a folder").display().to_string();
