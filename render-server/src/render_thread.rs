@@ -224,7 +224,10 @@ impl RenderThread {
                 None if self.continues_preparation() => self.continue_preparation(),
                 None => self.wait(),
             }
-            if let Some(fault) = self.gpu.first_fault() {
+            // What is shown again on a device may find that it is lost, too.
+            while !self.is_stopping
+                && let Some(fault) = self.gpu.first_fault()
+            {
                 self.recover(&fault)?;
             }
         }
