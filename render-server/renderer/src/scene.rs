@@ -5,6 +5,7 @@ mod billboard;
 mod builder;
 mod bvh;
 mod content_place;
+mod crowd;
 mod draw_item;
 mod geometry;
 mod geometry_room;
