@@ -7,11 +7,12 @@ import html
 import io
 import json
 import logging
+import os
 import tarfile
 import threading
 from pathlib import Path, PurePath
 from typing import Any, Callable, Dict, List, Optional, Tuple, Union
-from urllib.parse import quote, urlencode
+from urllib.parse import urlencode
 
 from .camera_calls import CameraCalls
 from .display_calls import DisplayCalls
@@ -30,8 +31,8 @@ from .feedback import FrameFeedback, OpenProgress, WallStatus
 from .image import Capture, Image, figure
 from .options import ConnectOptions, Timeouts
 from .query_calls import QueryCalls
-from .records import Mismatch, decode, encode
-from .requests import WireRequest, name_of, variant
+from .records import FilePath, Mismatch, decode, encode
+from .requests import WireRequest, brings_files, name_of, variant
 from .scene import SceneSummary
 from .scene_calls import SceneCalls
 from .session_calls import SessionCalls
@@ -79,8 +80,10 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         self._wall_name: Optional[str] = None
         self._epoch = ""
         self._screens: Optional[Tuple[str, Wall]] = None
-        self._transport = self._new_transport()
-        self._transport.connect()
+        # The last one is for the next call: while a call waits for its answer, another one stands
+        # behind its own, for what is called meanwhile.
+        self._transports = [self._new_transport()]
+        self._transports[0].connect()
 
     @classmethod
     def connect(
@@ -143,12 +146,13 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
     def is_connected(self) -> bool:
         """Whether there is a connection now; the next call makes one where there is none."""
         with self._lock:
-            return self._transport.is_connected
+            return self._transports[-1].is_connected
 
     def close(self) -> None:
         """Closes the connection for good. What is temporary of this client ends."""
         with self._lock:
-            self._transport.close("this program closed it")
+            for transport in self._transports:
+                transport.close("this program closed it")
 
     def request(self, request: WireRequest) -> Any:
         """Sends any request in the form of the wire, and returns its answer as JSON.
@@ -164,27 +168,31 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
             return self._post_request(request, self._opening(None, None))
         timeouts = self._options.timeouts
         timeout_s = timeouts.open_scene if kind in _PREPARED else timeouts.other
+        if brings_files(request):
+            # Over HTTP nothing says how far a bake has come; the manager itself ends what hangs.
+            return self._post_request(request, self._watched(timeout_s, lambda _: True))
         return self._post_request(request, Call("", "", "", timeout_s))
 
     def open_scene(
         self,
-        path: str,
+        path: FilePath,
         on_progress: Optional[Callable[[OpenProgress], None]] = None,
-        scene: Optional[str] = None,
+        scene: Union[str, int, None] = None,
     ) -> SceneSummary:
         """Shows a scene; returns once every live channel can draw it.
 
         :param path: a file in one of the manager's scene folders, or ``saved:NAME``.
-        :param on_progress: called when the manager says how far it has come.
+        :param on_progress: called when the manager says how far it has come. It may call this
+            client too: such calls go over another connection, which ends with this call.
         :param scene: the name, or the number from 0 on, of one of several scenes of the file.
         :raises Failed: it cannot be opened; the wall shows what it showed before.
         """
-        request: WireRequest = {"OpenScene": {"path": path, "scene": scene}}
+        request: WireRequest = {"OpenScene": {"path": path, "scene": _text_of(scene)}}
         given = self._post_request(request, self._opening(path, on_progress))
         return self._scene(given.get("SceneOpened") if isinstance(given, dict) else given)
 
     def show_scene(
-        self, path: str, heading_deg: float = 30.0, scene: Optional[str] = None
+        self, path: FilePath, heading_deg: float = 30.0, scene: Union[str, int, None] = None
     ) -> Tuple[SceneSummary, FrameFeedback]:
         """Opens a scene, places the camera so that all of it is seen, and draws a frame.
 
@@ -194,9 +202,8 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         :param scene: as for :meth:`open_scene`.
         """
         call = self._opening(path, None)
-        body = _body(
-            "open the scene", {"path": path, "scene": scene, "heading_deg": float(heading_deg)}
-        )
+        asked = {"path": path, "scene": _text_of(scene), "heading_deg": float(heading_deg)}
+        body = _body("open the scene", asked)
         call = dataclasses.replace(call, name="open the scene", method="POST", path="/scene/open")
         said = self._json(self._exchange(dataclasses.replace(call, body=body)), call.name)
         try:
@@ -214,12 +221,16 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         """
         with self._lock:
             wall = self._described()
-            if channels:
-                return self._archived(wall, time_s)
-            whole, headers = self._picture("/wall.rgba", "wall", time_s)
-            screens = self._screens_of(wall, whole, time_s)
-            missing = self._missing(headers)
-        return Capture(whole.frame or 0, screens, [], missing)
+            # The picture of the wall does not say which parts of it are for the right eye.
+            if not channels and not wall.has_right_eye():
+                whole, headers = self._picture("/wall.rgba", "wall", time_s)
+                screens = _screens_of(wall, whole)
+                if screens:
+                    return Capture(whole.frame or 0, screens, [], self._missing(headers))
+                # The manager was started again with another wall file.
+                wall = self._described()
+            capture = self._archived(wall, time_s)
+        return capture if channels else dataclasses.replace(capture, channels=[])
 
     def preview(self, width: int = _PREVIEW_WIDTH, max_age_s: float = 1.0) -> Image:
         """Returns a small picture of the wall as it is, which all who ask share.
@@ -253,15 +264,12 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
 
     def _new_transport(self) -> Transport:
         transport = Transport(self._options)
-
-        def introduce() -> None:
-            call = Call("read the status", "GET", "/status", self._options.timeouts.connect)
-            self._introduced(transport.introduction(call))
-
-        transport.introduce = introduce
+        transport.introduce = self._introduce
         return transport
 
-    def _introduced(self, said: Any) -> None:
+    def _introduce(self, transport: Transport) -> None:
+        call = Call("read the status", "GET", "/status", self._options.timeouts.connect)
+        said = transport.introduction(call)
         wall, epoch = str(said.get("wall")), str(said.get("epoch"))
         if self._wall_name not in (None, wall):
             reason = f"it drives wall {wall} now, not {self._wall_name}"
@@ -270,7 +278,12 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
 
     def _exchange(self, call: Call) -> Answer:
         with self._lock:
-            answer = self._transport.exchange(call)
+            transport = self._transports[-1]
+            self._transports.append(self._new_transport())
+            try:
+                answer = transport.exchange(call)
+            finally:
+                self._transports.pop().drop()
         for warning in answer.warnings:
             _log(warning)
         return answer
@@ -299,23 +312,14 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
             raise WrongAnswer("open the scene", str(error)) from None
 
     def _opening(
-        self, path: Optional[str], on_progress: Optional[Callable[[OpenProgress], None]]
+        self, path: Optional[FilePath], on_progress: Optional[Callable[[OpenProgress], None]]
     ) -> Call:
-        """A call that asks over another connection how far the manager has come.
-
-        It waits as long as the manager opens this scene, or any without a path: the manager itself
-        ends what hangs.
-        """
+        """A call that waits as long as the manager opens this scene, or any without a path: the
+        manager itself ends what hangs."""
         scene = _name_of(path)
-        watcher = self._new_transport()
         last: List[OpenProgress] = []
 
-        def is_going_on() -> bool:
-            call = Call("read the status", "GET", "/status", self._options.timeouts.other)
-            try:
-                status = decode(WallStatus, json.loads(watcher.exchange(call).body))
-            except (ClientError, Mismatch, ValueError):
-                return False
+        def is_going_on(status: WallStatus) -> bool:
             found = [opening for opening in status.opening if scene in (None, opening.scene)]
             if not found:
                 return False
@@ -324,9 +328,23 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
                 on_progress(found[0].progress)
             return True
 
-        timeout_s = self._options.timeouts.open_scene
-        period_s = min(5.0, timeout_s / 4.0) if on_progress is None else 0.2
-        return Call("", "", "", timeout_s, is_going_on=is_going_on, period_s=period_s)
+        call = self._watched(self._options.timeouts.open_scene, is_going_on)
+        return call if on_progress is None else dataclasses.replace(call, period_s=0.2)
+
+    def _watched(self, timeout_s: float, is_going_on: Callable[[WallStatus], bool]) -> Call:
+        """A call that asks over another connection for the status, while its answer is awaited, and
+        whose time limit begins anew while the status says that it goes on."""
+
+        def ask() -> bool:
+            call = Call("read the status", "GET", "/status", self._options.timeouts.other)
+            try:
+                status = decode(WallStatus, json.loads(self._exchange(call).body))
+            except (ClientError, Mismatch, ValueError):
+                return False
+            return is_going_on(status)
+
+        period_s = min(5.0, timeout_s / 4.0)
+        return Call("", "", "", timeout_s, is_going_on=ask, period_s=period_s)
 
     def _described(self) -> Wall:
         """The wall's description, which lasts as long as its manager."""
@@ -334,22 +352,6 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
             wall = self.wall()
             self._screens = (self._epoch, wall)
         return self._screens[1]
-
-    def _screens_of(self, wall: Wall, whole: Image, time_s: Optional[float]) -> List[Image]:
-        """The pictures of the screens, which stand side by side in that of the wall."""
-        sizes = [screen.canvas for screen in wall.screens]
-        if sum(size[0] for size in sizes) == whole.width:
-            images, left = [], 0
-            for screen in wall.screens:
-                width, height = screen.canvas
-                images.append(whole.part(screen.name, left, 0, width, height))
-                left += width
-            return images
-        names = [screen.name for screen in wall.screens]
-        return [
-            self._picture(f"/screens/{quote(name, safe='')}.rgba", name, time_s)[0]
-            for name in names
-        ]
 
     def _archived(self, wall: Wall, time_s: Optional[float]) -> Capture:
         """All pictures of one frame."""
@@ -439,13 +441,32 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         return f"{figure(title, 'image/png', picture.to_png())}<table>{rows}</table>"
 
 
-def _name_of(path: Optional[str]) -> Optional[str]:
+def _text_of(scene: Union[str, int, None]) -> Optional[str]:
+    """The name or the number of a scene, as the wire has both."""
+    return None if scene is None else str(scene)
+
+
+def _name_of(file: Optional[FilePath]) -> Optional[str]:
     """The name by which the manager tells of the opening of this file; `None` for any."""
+    path = None if file is None else os.fspath(file)
     # A saved scene has first its own name and then that of its file.
     if path is None or path.startswith("saved:"):
         return None
     stem = PurePath(path).stem or path
     return stem.encode("utf-8", "replace")[:_NAME_BYTES_MAX].decode("utf-8", "ignore")
+
+
+def _screens_of(wall: Wall, whole: Image) -> List[Image]:
+    """The pictures of the screens, which stand side by side in that of the wall; none where their
+    widths are others."""
+    if sum(screen.canvas[0] for screen in wall.screens) != whole.width:
+        return []
+    images, left = [], 0
+    for screen in wall.screens:
+        width, height = screen.canvas
+        images.append(whole.part(screen.name, left, 0, width, height))
+        left += width
+    return images
 
 
 def _whole(name: str, size: Tuple[int, int], rgba: bytes, frame: Optional[int]) -> Image:

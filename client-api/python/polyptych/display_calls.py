@@ -20,6 +20,7 @@ from .feedback import (
     ToneMapper,
     Tuned,
 )
+from .records import FilePath
 from .requests import Requests
 
 
@@ -34,8 +35,10 @@ class DisplayCalls(Requests):
         """Exposes the wall by what it shows, until :meth:`set_exposure`."""
         self._do("SetAutomaticExposure")
 
-    def set_environment(self, file: Optional[str] = None, *, is_sky: bool = False) -> None:
+    def set_environment(self, file: Optional[FilePath] = None, *, is_sky: bool = False) -> None:
         """Surrounds scenes by light, until it is set again; by that of their own with neither.
+
+        The manager bakes a file or the sky first; this waits for it as long as the manager answers.
 
         :param file: an equirectangular ``.hdr`` in one of the manager's scene folders.
         :param is_sky: a clear sky, whose sun is where the scene's first directional light is.

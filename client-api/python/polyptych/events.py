@@ -4,19 +4,30 @@ from __future__ import annotations
 
 import http.client
 import json
+import time
 from dataclasses import dataclass
 from typing import Callable, Iterator, Optional, Tuple, Union
 
-from .errors import ClientError, ConnectionLost, WrongAnswer
+from .errors import (
+    ClientError,
+    ConnectionLost,
+    ManagerEnded,
+    NotConnected,
+    TimedOut,
+    WrongAnswer,
+)
 from .feedback import FrameFeedback, WallStatus
 from .records import Mismatch, decode
-from .transport import Call, Transport
+from .transport import Call, Transport, retry_pauses
 
 #: The time without any event after which a stream counts as lost, in seconds: the status comes
 #: twice a second.
 SILENCE_MAX_S = 10.0
 
 _REQUEST = "watch events"
+
+#: The errors of a stream that is lost.
+_LOST = (OSError, http.client.HTTPException, ConnectionLost, ManagerEnded, TimedOut)
 
 
 @dataclass(frozen=True)
@@ -73,33 +84,46 @@ class EventStream:
         return self
 
     def __next__(self) -> Event:
+        options = self._transport.options
+        pauses = retry_pauses(options.reconnect.wait)
         while True:
             try:
                 event = self._parsed(*self._next_block())
-            except (OSError, http.client.HTTPException, ConnectionLost):
+            except (AttributeError, ValueError):
+                # http.client fails so where another thread has closed the answer.
+                self._transport.check_open(_REQUEST)
+                raise
+            except _LOST as error:
                 self._transport.drop()
-                self._begin()
+                self._response = None
+                pause = next(pauses, None)
+                if pause is None:
+                    wait, reason = options.reconnect.wait, str(getattr(error, "reason", error))
+                    raise NotConnected(_REQUEST, options.address, wait, reason) from None
+                time.sleep(pause)
                 continue
             if event is not None:
                 return event
 
     def close(self) -> None:
-        """Ends the stream; reading it afterwards raises ``Closed``."""
+        """Ends the stream, also under a thread that reads it.
+
+        Reading it afterwards raises ``Closed``, and so does the reading that it ends.
+        """
         self._transport.close("this program closed the stream")
         self._response = None
 
-    def _begin(self) -> None:
+    def _begin(self) -> http.client.HTTPResponse:
         call = Call(_REQUEST, "GET", self._path, SILENCE_MAX_S)
-        self._response = self._transport.open_stream(call)
+        self._response = response = self._transport.open_stream(call)
+        return response
 
     def _next_block(self) -> Tuple[str, str]:
         """The name and the data of the next event."""
-        if self._response is None:
-            self._begin()
-        assert self._response is not None
+        response = self._response or self._begin()
         name, data = "message", list[str]()
         while True:
-            line = self._response.readline().decode("utf-8", "replace")
+            line = response.readline().decode("utf-8", "replace")
             if not line:
                 raise ConnectionLost(_REQUEST, self._transport.options.address, "it ended")
             line = line.rstrip("\r\n")
@@ -162,7 +186,7 @@ class FeedbackStream:
         raise StopIteration
 
     def close(self) -> None:
-        """Ends the stream."""
+        """Ends the stream, as :meth:`EventStream.close` does."""
         self._events.close()
 
     def _await_subscription(self) -> None:

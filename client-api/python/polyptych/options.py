@@ -18,10 +18,14 @@ CAPTURE_BYTES_MAX = 2 << 30
 
 @dataclass(frozen=True)
 class Timeouts:
-    """How long this client waits for the answers to requests, in seconds."""
+    """How long this client waits for the answers to requests, in seconds.
+
+    For surroundings, and for a transaction that brings files, the limit begins anew with each
+    status that the manager sends meanwhile: it bakes the files first, and ends what hangs.
+    """
 
     #: For opening a scene or a session, from when the manager no longer says that it opens it, and
-    #: for surroundings.
+    #: for surroundings and effects of light.
     open_scene: float = 120.0
     #: For each picture.
     capture: float = 60.0

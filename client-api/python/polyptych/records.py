@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import os
 from enum import Enum
 from typing import (
     Any,
@@ -22,6 +23,9 @@ from typing import (
     get_origin,
     get_type_hints,
 )
+
+#: The path of a file on the manager's machine.
+FilePath = Union[str, "os.PathLike[str]"]
 
 Vec2 = Tuple[float, float]
 Vec3 = Tuple[float, float, float]
@@ -44,7 +48,8 @@ def decode(kind: Type[T], value: Any, where: str = "answer") -> T:
 
 
 def encode(value: Any) -> Any:
-    """Returns a value as JSON has it: dataclasses as objects, arrays and tuples as lists.
+    """Returns a value as JSON has it: dataclasses as objects, arrays and tuples as lists, paths as
+    text.
 
     :raises ValueError: a number is NaN or infinite, which JSON does not have.
     """
@@ -52,6 +57,8 @@ def encode(value: Any) -> Any:
         return encode(value.to_json())
     if isinstance(value, Enum):
         return value.value
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
     if value is None or isinstance(value, (bool, int, str)):
         return value
     if isinstance(value, float):

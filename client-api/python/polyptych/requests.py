@@ -94,6 +94,16 @@ def name_of(request: WireRequest) -> str:
     return _NAMES.get(kind, f"do {kind}")
 
 
+def brings_files(request: WireRequest) -> bool:
+    """Returns whether the manager bakes files for a request, before it does the rest."""
+    kind = variant(request)
+    asked: Any = next(iter(request.values())) if isinstance(request, dict) else None
+    if kind == "Edit":
+        edit = asked.to_json() if hasattr(asked, "to_json") else asked
+        return isinstance(edit, dict) and edit.get("assets") is not None
+    return kind == "SetEnvironment" and asked != "None"
+
+
 class Requests(ABC):
     """The base of all groups of calls."""
 

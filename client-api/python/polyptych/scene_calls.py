@@ -19,7 +19,8 @@ class SceneCalls(Requests):
     def commit(self, transaction: Transaction) -> Edited:
         """Changes the open scene by all of these edits, on all displays from one frame on.
 
-        Returns once that frame was swapped, which a paused wall draws for it.
+        Returns once that frame was swapped, which a paused wall draws for it. The manager bakes
+        files that it brings first; this waits for them as long as the manager answers.
 
         :raises Failed: an edit cannot be, which the reason names; then nothing is changed.
         """
@@ -29,7 +30,7 @@ class SceneCalls(Requests):
         """Returns the layers of the open scene, by name."""
         return self._ask("ListLayers", "Layers", List[LayerInfo])
 
-    def set_variant(self, variant: Optional[str]) -> Edited:
+    def set_variant(self, variant: Union[str, int, None]) -> Edited:
         """Shows a variant of the scene by its name or its number; ``None`` for none.
 
         :raises Failed: there is none of this name; the reason has all there are.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, List, Optional, Union
 
 from . import vectors
+from .records import FilePath
 from .scene import Attribute, attribute_to_json
 
 
@@ -103,9 +104,9 @@ class Transaction:
         """Lets a node turn towards the viewer: ``"Eye"``, ``"Upright"``, or not."""
         self._add("SetFacing", node, {"facing": facing})
 
-    def set_variant(self, variant: Optional[str]) -> None:
+    def set_variant(self, variant: Union[str, int, None]) -> None:
         """Shows a variant of the scene's file, by its name or its number; ``None`` for none."""
-        self.edits.append({"SetVariant": variant})
+        self.edits.append({"SetVariant": None if variant is None else str(variant)})
 
     def set_material(self, material: int, to: Dict[str, Any]) -> None:
         """Gives a material of the scene, by its index, another look, in the form of the wire."""
@@ -115,7 +116,7 @@ class Transaction:
         self,
         *,
         glb: Optional[bytes] = None,
-        file: Optional[str] = None,
+        file: Optional[FilePath] = None,
         below: Optional[Dict[str, Any]] = None,
     ) -> Transaction:
         """Brings meshes, materials and textures: the bytes of a ``.glb``, or a file's path.

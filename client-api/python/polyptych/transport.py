@@ -3,18 +3,19 @@ the same request."""
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import ipaddress
 import json
 import os
 import secrets
-import select
+import selectors
 import socket
 import ssl
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from . import bearer, credentials
 from .errors import (
@@ -39,7 +40,7 @@ from .options import ConnectOptions
 BASE = "/api/v1"
 
 _PAUSE_FIRST_S = 0.05
-_PAUSE_LONGEST_S = 2.0
+_PAUSE_MAX_S = 2.0
 _PIECE_BYTES = 1 << 20
 _JSON_BYTES_MAX = 256 << 20
 #: The time without a request after which a connection is not used again. The manager closes one
@@ -89,6 +90,8 @@ class Connection(http.client.HTTPConnection):
     ) -> None:
         super().__init__(host, port, timeout=timeout_s)
         self._addresses, self._context = addresses, context
+        # http.client forgets its own where an answer lasts until the connection ends.
+        self._socket: Optional[socket.socket] = None
 
     def connect(self) -> None:
         """Connects to the first of the addresses that answers."""
@@ -106,13 +109,25 @@ class Connection(http.client.HTTPConnection):
                 connected.close()
                 last = error
                 continue
-            self.sock = connected
+            self.sock = self._socket = connected
             return
         raise last or OSError("the address names no machine")
 
+    def end(self) -> None:
+        """Closes the connection, and wakes a thread that reads from it."""
+        if self._socket is not None:
+            # Closing alone would wait for that thread. The method of TLS sockets would take the
+            # encryption away while that thread uses it.
+            with contextlib.suppress(OSError):
+                socket.socket.shutdown(self._socket, socket.SHUT_RDWR)
+        self.close()
+
 
 class Transport:
-    """The way to a manager. Not for several threads at once; :class:`Client` sees to that."""
+    """The way to a manager. Not for several threads at once; :class:`Client` sees to that.
+
+    Only :meth:`close` may be called while another thread uses it.
+    """
 
     def __init__(self, options: ConnectOptions) -> None:
         self.options = options
@@ -123,8 +138,8 @@ class Transport:
         self._answered_at = 0.0
         #: The time in seconds, which only goes forwards.
         self.clock: Callable[[], float] = time.monotonic
-        #: Checks who the manager is, on every new connection.
-        self.introduce: Callable[[], None] = lambda: None
+        #: Checks who the manager is, on every new connection of the transport that it is given.
+        self.introduce: Callable[[Transport], None] = lambda _: None
 
     @property
     def is_connected(self) -> bool:
@@ -139,15 +154,23 @@ class Transport:
         self._connected("connect")
 
     def close(self, reason: str) -> None:
-        """Closes the connection for good."""
+        """Closes the connection for good. A thread that waits for an answer gets none."""
         self._close_reason = reason
         self.drop()
 
+    def check_open(self, request: str) -> None:
+        """Raises an error if the connection was closed for good.
+
+        :raises Closed: :meth:`close` was called.
+        """
+        if self._close_reason is not None:
+            raise Closed(request, self.options.address, self._close_reason) from None
+
     def drop(self) -> None:
         """Closes the connection; the next call makes another."""
-        if self._connection is not None:
-            self._connection.close()
-            self._connection = None
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            connection.end()
 
     def exchange(self, call: Call) -> Answer:
         """Sends a request once and returns its answer.
@@ -172,12 +195,12 @@ class Transport:
             body = response.read(_PIECE_BYTES)
             self.drop()
             raise self._refusal(call, response.status, body)
+        # http.client connects by itself where another thread has closed it before the request.
+        self.check_open(call.name)
         return response
 
     def _connected(self, request: str) -> Connection:
-        address = self.options.address
-        if self._close_reason is not None:
-            raise Closed(request, address, self._close_reason)
+        self.check_open(request)
         if self._connection is not None:
             is_idle = self.clock() - self._answered_at >= _IDLE_MAX_S
             if not is_idle and not _is_over(self._connection):
@@ -186,16 +209,15 @@ class Transport:
             self.drop()
         if not self._was_connected:
             return self._dial()
-        wait = self.options.reconnect.wait
-        until, pause = time.monotonic() + wait, _PAUSE_FIRST_S
-        while True:
+        wait, last = self.options.reconnect.wait, ""
+        for pause in retry_pauses(wait):
+            time.sleep(pause)
+            self.check_open(request)
             try:
                 return self._dial()
             except ClientError as error:
-                if time.monotonic() + pause > until:
-                    raise NotConnected(request, address, wait, str(error)) from None
-            time.sleep(pause)
-            pause = min(2.0 * pause, _PAUSE_LONGEST_S)
+                last = str(error)
+        raise NotConnected(request, self.options.address, wait, last)
 
     def _dial(self) -> Connection:
         """Connects, and checks that the manager is one that knows the token."""
@@ -219,8 +241,10 @@ class Transport:
             raise NoManager(options.address, str(error)) from None
         self._connection, self._answered_at = connection, self.clock()
         try:
+            # Another thread may have closed it while there was no connection to close.
+            self.check_open("connect")
             self._authenticate()
-            self.introduce()
+            self.introduce(self)
         except BaseException:
             self.drop()
             raise
@@ -315,7 +339,7 @@ class Transport:
             headers["Authorization"] = self._authorization
         _limit(connection, until - time.monotonic())
         connection.request(call.method, BASE + call.path, call.body, headers)
-        while call.is_going_on is not None and not _is_readable(connection, call.period_s):
+        while call.is_going_on is not None and not is_readable(connection.sock, call.period_s):
             if call.is_going_on():
                 until = time.monotonic() + call.timeout_s
             elif time.monotonic() > until:
@@ -343,6 +367,8 @@ class Transport:
         raise CaptureTooLarge(call.bytes_max)
 
     def _lost(self, call: Call, error: Exception) -> ClientError:
+        if self._close_reason is not None:
+            return ConnectionLost(call.name, self.options.address, self._close_reason)
         if isinstance(error, socket.timeout):
             return TimedOut(call.name, call.timeout_s)
         if isinstance(error, ssl.SSLError) and not self._was_connected:
@@ -376,6 +402,17 @@ class Transport:
         return Failed(call.name, reason)
 
 
+def retry_pauses(wait_s: float) -> Iterator[float]:
+    """Yields the pause before each try, in seconds, until the next would begin after this time.
+
+    The time begins with the first try, which has no pause.
+    """
+    until, pause = time.monotonic() + wait_s, 0.0
+    while pause == 0.0 or time.monotonic() + pause <= until:
+        yield pause
+        pause = min(max(2.0 * pause, _PAUSE_FIRST_S), _PAUSE_MAX_S)
+
+
 def _product(name: str) -> str:
     """A name as HTTP has it: a word of plain letters, digits and some signs."""
     kept = "".join(of if of.isascii() and (of.isalnum() or of in "._-") else "_" for of in name)
@@ -394,11 +431,15 @@ def _limit(connection: Connection, timeout_s: float) -> None:
         connection.sock.settimeout(timeout_s)
 
 
-def _is_readable(connection: Connection, wait_s: float) -> bool:
+def is_readable(connected: Optional[socket.socket], wait_s: float) -> bool:
+    """Returns whether a socket has bytes, or ends, within this time in seconds."""
     # Where there is no socket, the answer says so.
-    if connection.sock is None:
+    if connected is None:
         return True
-    return bool(select.select([connection.sock], [], [], wait_s)[0])
+    # select.select takes no socket of a program that has 1,024 files open.
+    with selectors.DefaultSelector() as selector:
+        selector.register(connected, selectors.EVENT_READ)
+        return bool(selector.select(wait_s))
 
 
 def _is_over(connection: Connection) -> bool:

@@ -121,6 +121,8 @@ class Channel:
     server: str
     #: ``"Tile"`` for pixels of the canvas one to one.
     cover: Any = "Tile"
+    #: The corrections of its picture for its display, in the form of the wire.
+    adjustment: Dict[str, Any] = field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,13 @@ class Wall:
     eye_separation_m: float = 0.063
     #: Folders from which scenes may be opened.
     scenes: List[str] = field(default_factory=list)
+
+    def has_right_eye(self) -> bool:
+        """Returns whether the right eye sees a picture of its own on a screen."""
+        adjustments = [channel.adjustment for channel in self.channels]
+        return any(
+            of.get("eye") == "right" or of.get("packing", "none") != "none" for of in adjustments
+        )
 
     def pick_ray(
         self, views: Sequence[View], head: HeadPose, screen: str, pixel: Sequence[float]

@@ -58,6 +58,8 @@ class ManagerDouble:
         self.connections = 0
         #: Released for each status that was asked for.
         self.statuses = threading.Semaphore(0)
+        #: Released for each connection that has ended.
+        self.ended = threading.Semaphore(0)
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.address = "127.0.0.1:%d" % self._listener.getsockname()[1]
         self._thread = threading.Thread(target=self._accept, daemon=True)
@@ -88,6 +90,8 @@ class ManagerDouble:
                     pass
             except OSError:
                 return
+            finally:
+                self.ended.release()
 
     def _answer_one(self, connected: socket.socket, reader: Any) -> bool:
         line = reader.readline().decode().split(" ")

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import fcntl
+import io
 import json
 import os
+import resource
 import socket
+import tarfile
 import tempfile
 import threading
 import unittest
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Callable, Tuple
+from typing import Any, Callable, List, Tuple
 
 from manager_double import STATUS, TOKEN, Handler, ManagerDouble, answer
 
 import polyptych
 from polyptych import bearer, credentials
-from polyptych.transport import Call, Transport
+from polyptych.transport import Call, Transport, is_readable
 
 QUICK = polyptych.Timeouts(open_scene=0.3, capture=0.3, other=0.3, connect=2.0)
 
@@ -35,6 +40,40 @@ def connect(double: ManagerDouble, **more: Any) -> polyptych.Client:
 def says(status: int, value: Any, headers: Tuple[Tuple[str, str], ...] = ()) -> Handler:
     def handler(connected: socket.socket, *_: Any) -> bool:
         connected.sendall(answer(status, value, headers))
+        return True
+
+    return handler
+
+
+def captured(adjustments: List[Any], width: int) -> Handler:
+    """A wall of one screen, whose picture of so many pixels may be that of both eyes."""
+    screen = {"name": "front", "surface": {"Mesh": "front.obj"}, "canvas": [1, 1]}
+    channel = {"name": "a", "screen": 0, "origin": [0, 0], "size": [1, 1], "server": "a"}
+    channels = [{**channel, "adjustment": of} for of in adjustments]
+    wall = {"name": "double", "screens": [screen], "channels": channels, "eye": [0, 0, 0]}
+    size = {"width": 1, "height": 1}
+    pictures = [
+        {"name": name, "file": name, **size, "is_screen": name != "a"}
+        for name in ("front", "front-right", "a")
+    ]
+    about = json.dumps({"frame": 7, "pictures": pictures, "missing": []}).encode()
+    archive = io.BytesIO()
+    with tarfile.open(fileobj=archive, mode="w") as tar:
+        for name in ("capture.json", "front", "front-right", "a"):
+            held = about if name == "capture.json" else b"abcd"
+            member = tarfile.TarInfo(name)
+            member.size = len(held)
+            tar.addfile(member, io.BytesIO(held))
+    headers = (("width", str(width)), ("height", "1"), ("frame", "7"))
+
+    def handler(connected: socket.socket, _: str, path: str, body: bytes) -> bool:
+        if path == "/api/v1/requests":
+            connected.sendall(answer(200, {"response": {"Wall": wall}, "warnings": []}))
+        elif path == "/api/v1/wall.rgba":
+            named = tuple((f"polyptych-{name}", text) for name, text in headers)
+            connected.sendall(answer(200, b"abcd" * width, named))
+        else:
+            connected.sendall(answer(200, archive.getvalue()))
         return True
 
     return handler
@@ -99,14 +138,70 @@ class Outcomes(unittest.TestCase):
             connected.sendall(answer(422, {"error": "the scene is gone"}))
             return True
 
-        calls: Tuple[Callable[[polyptych.Client], object], ...] = (
-            lambda wall: wall.open_session("evening"),
-            lambda wall: wall.open_scene("town.glb"),
+        arm = polyptych.Transaction().with_assets(file=Path("arm.glb"))
+        calls: Tuple[Tuple[Any, Callable[[polyptych.Client], object]], ...] = (
+            (status, lambda wall: wall.open_session("evening")),
+            (status, lambda wall: wall.open_scene(Path("town.glb"))),
+            # Of files that are read for these no status tells.
+            (STATUS, lambda wall: wall.commit(arm)),
+            (STATUS, lambda wall: wall.set_environment(Path("studio.hdr"))),
         )
-        for call in calls:
-            with ManagerDouble(opens, status) as double, connect(double) as wall:
+        for said, call in calls:
+            with ManagerDouble(opens, said) as double, connect(double) as wall:
                 with self.assertRaisesRegex(polyptych.Failed, "the scene is gone"):
                     call(wall)
+                self.assertTrue(double.ended.acquire(timeout=20.0), "the one that asked")
+                self.assertTrue(wall.is_connected)
+
+    def test_progress_can_call_the_wall_that_opens_the_scene(self) -> None:
+        progress = {"stage": "baking", "percent": 7}
+        status = dict(STATUS, opening=[{"scene": "town", "progress": progress}], frame=9)
+        called = threading.Semaphore(0)
+
+        def opens(connected: socket.socket, _: str, path: str, body: bytes) -> bool:
+            if json.loads(body) == "Status":
+                told = {"response": {"Status": status}, "warnings": []}
+                connected.sendall(answer(200, told))
+            else:
+                self.assertTrue(called.acquire(timeout=20.0))
+                connected.sendall(answer(422, {"error": "the scene is gone"}))
+            return True
+
+        def open_scene(call: Callable[[], object]) -> None:
+            def on_progress(_: Any) -> None:
+                call()
+                called.release()
+
+            wall.open_scene("town.glb", on_progress=on_progress)
+
+        with ManagerDouble(opens, status) as double, connect(double) as wall:
+            for _ in range(2):
+                with self.assertRaisesRegex(polyptych.Failed, "the scene is gone"):
+                    open_scene(lambda: self.assertEqual(wall.status().frame, 9))
+            with self.assertRaisesRegex(polyptych.ConnectionLost, "this program closed it"):
+                open_scene(wall.close)
+            with self.assertRaises(polyptych.Closed):
+                wall.status()
+
+    def test_scenes_and_variants_are_chosen_by_number_too(self) -> None:
+        bodies = []
+
+        def refuses(connected: socket.socket, _: str, path: str, body: bytes) -> bool:
+            bodies.append(json.loads(body))
+            connected.sendall(answer(422, {"error": "there is none"}))
+            return True
+
+        with ManagerDouble(refuses) as double, connect(double) as wall:
+            calls: Tuple[Callable[[], object], ...] = (
+                lambda: wall.open_scene("town.glb", scene=1),
+                lambda: wall.show_scene("town.glb", scene=1),
+                lambda: wall.set_variant(0),
+            )
+            for call in calls:
+                self.assertRaises(polyptych.Failed, call)
+        asked = {"path": "town.glb", "scene": "1"}
+        self.assertEqual(bodies[:2], [{"OpenScene": asked}, {**asked, "heading_deg": 30.0}])
+        self.assertEqual(bodies[2]["Edit"]["edits"], [{"SetVariant": "0"}])
 
     def test_other_answers_are_no_answers(self) -> None:
         other = {"response": {"Frame": {}}, "warnings": []}
@@ -134,6 +229,24 @@ class Outcomes(unittest.TestCase):
             with self.assertRaises(polyptych.RequestTooLarge):
                 wall.request({"Edit": {"assets": "x" * (5 << 20)}})
             self.assertEqual(double.requests, [], "nothing was sent")
+
+    def test_a_capture_is_one_frame_whatever_the_eyes_see(self) -> None:
+        one, all_eyes = "/api/v1/wall.rgba", "/api/v1/capture?format=rgba"
+        plain, right = {"eye": "center", "packing": "none"}, {"eye": "right", "packing": "none"}
+        packed = {"eye": "center", "packing": "anaglyph"}
+        for adjustments, width, asked in (
+            ([plain, {}], 1, [one]),
+            ([plain, right], 2, [all_eyes]),
+            ([packed], 2, [all_eyes]),
+            # The wall is not as it was described.
+            ([plain], 2, [one, all_eyes]),
+        ):
+            handler = captured(adjustments, width)
+            with ManagerDouble(handler) as double, connect(double) as wall:
+                capture = wall.capture()
+                self.assertEqual([of for _, of in double.requests[1:]], asked)
+            self.assertEqual([of.name for of in capture.screens], ["front"])
+            self.assertEqual((capture.frame, capture.channels), (7, []))
 
     def test_pictures_that_do_not_fit_are_refused(self) -> None:
         size = (("polyptych-width", "2"), ("polyptych-height", "1"))
@@ -254,6 +367,21 @@ class Connecting(unittest.TestCase):
                 transport.exchange(call)
                 self.assertEqual(double.connections, connections)
 
+    def test_answers_are_awaited_where_a_program_has_1024_files_open(self) -> None:
+        limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+        self.addCleanup(resource.setrlimit, resource.RLIMIT_NOFILE, limits)
+        try:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (2048, limits[1]))
+        except ValueError:
+            self.skipTest("a process has too few files")
+        here, there = socket.socketpair()
+        far = socket.socket(fileno=fcntl.fcntl(here, fcntl.F_DUPFD, 1024))
+        for of in (here, there, far):
+            self.addCleanup(of.close)
+        self.assertFalse(is_readable(far, 0.0))
+        there.send(b"H")
+        self.assertTrue(is_readable(far, 0.0))
+
     def test_a_manager_that_does_not_come_back_is_said_with_nothing_sent(self) -> None:
         with ManagerDouble(hangs_up) as double:
             wall = connect(double)
@@ -321,6 +449,53 @@ class Events(unittest.TestCase):
         self.assertEqual(kinds, ["StatusEvent", "LogEvent", "LostEvent"] * 2)
         self.assertEqual(seen[1], polyptych.LogEvent("channel a is lost"))
         self.assertEqual(seen[2], polyptych.LostEvent(7))
+
+    def test_a_stream_that_breaks_off_again_is_begun_until_there_is_no_time_left(self) -> None:
+        left = [True, False, True]
+
+        def streams(connected: socket.socket, *_: Any) -> bool:
+            if left and left.pop(0):
+                head = b"HTTP/1.1 200 OK\r\ncontent-type: text/event-stream\r\n\r\n"
+                connected.sendall(head + b'event: lost\ndata: {"events": 7}\n\n')
+            return False
+
+        with ManagerDouble(streams) as double:
+            with connect(double) as wall, wall.events() as events:
+                self.assertEqual([next(events), next(events)], [polyptych.LostEvent(7)] * 2)
+                self.assertEqual(len(double.requests), 3)
+                with self.assertRaisesRegex(polyptych.NotConnected, "the manager closed it"):
+                    next(events)
+
+    def test_a_thread_that_reads_a_stream_is_woken_when_it_is_closed(self) -> None:
+        head, text = b"HTTP/1.1 200 OK\r\n", b'event: lost\ndata: {"events": 7}\n\n'
+        chunk = b"%x\r\n%s\r\n" % (len(text), text)
+        self.is_woken(head + b"transfer-encoding: chunked\r\n\r\n" + chunk)
+        # An answer of no length has the connection to itself.
+        self.is_woken(head + b"\r\n" + text)
+
+    def is_woken(self, begun: bytes) -> None:
+        held, seen = threading.Event(), threading.Semaphore(0)
+        self.addCleanup(held.set)
+
+        def streams(connected: socket.socket, *_: Any) -> bool:
+            connected.sendall(begun)
+            held.wait(20.0)
+            return False
+
+        with ManagerDouble(streams) as double, connect(double) as wall:
+            events = wall.events()
+
+            def reads() -> None:
+                for _ in events:
+                    seen.release()
+
+            with ThreadPoolExecutor() as pool:
+                reading = pool.submit(reads)
+                self.assertTrue(seen.acquire(timeout=20.0))
+                # Meanwhile the thread comes to wait for the next event.
+                connect(double).close()
+                events.close()
+                self.assertIsInstance(reading.exception(timeout=5.0), polyptych.Closed)
 
 
 class Secrets(unittest.TestCase):

@@ -14,6 +14,7 @@ import polyptych
 from polyptych import bearer, vectors
 from polyptych.feedback import WallStatus
 from polyptych.records import Mismatch, decode, encode
+from polyptych.requests import brings_files
 
 
 class Proofs(unittest.TestCase):
@@ -109,6 +110,22 @@ class Json(unittest.TestCase):
         with self.assertRaises(Mismatch) as caught:
             decode(WallStatus, lacking)
         self.assertEqual(str(caught.exception), "answer has no wall")
+
+    def test_requests_that_bring_files_are_known(self) -> None:
+        brought = {"assets": {"source": {"File": "a.glb"}}}
+        edit = polyptych.Transaction()
+        for request, expected in (
+            ({"Edit": brought}, True),
+            ({"Edit": polyptych.Transaction().with_assets(glb=b"glTF")}, True),
+            ({"Edit": edit}, False),
+            ({"Edit": edit.to_json()}, False),
+            ({"SetEnvironment": {"File": {"path": "a.hdr"}}}, True),
+            ({"SetEnvironment": "Sky"}, True),
+            ({"SetEnvironment": "None"}, False),
+            ({"SetTone": "None"}, False),
+            ("Pause", False),
+        ):
+            self.assertEqual(brings_files(request), expected)
 
     def test_views_have_the_form_of_the_wire(self) -> None:
         view = polyptych.View(
