@@ -3,13 +3,13 @@
 use polyptych_client::glam::DVec3;
 use polyptych_client::{
     AmbientOcclusion, Camera, DepthOfField, Fog, Glow, LitHours, OutputMode, Presentation,
-    RestRules, TestPattern, ToneMapper,
+    QualityBounds, RestRules, TestPattern, ToneMapper,
 };
 use rustix::process::Signal;
 
 use super::page::Page;
 use crate::harness::browser::Browser;
-use crate::harness::local_wall::small;
+use crate::harness::local_wall::{ANY_PORT, small};
 use crate::harness::scenes::town;
 use crate::harness::wait;
 
@@ -43,9 +43,7 @@ fn every_control_of_the_page_does_what_it_says() {
     browser.value("document.querySelector('#open-form [name=path]').value = 'town.glb'");
     browser.value(&click("#open-form button"));
     browser.await_true("document.getElementById('scene-name').textContent === 'town'");
-    let curl = browser.value("document.getElementById('curl').textContent");
-    let curl = curl.as_str().expect("a line");
-    assert!(curl.contains("curl -X POST") && curl.contains("/api/v1/scene/open'"), "{curl}");
+    check_curl(&mut browser);
     browser.await_true("document.getElementById('picture').naturalWidth >= 320");
     // The scene is named as soon as it is open, and the camera placed after that.
     await_shown(&page, "an overview", |shown| shown.camera != Camera::IDENTITY);
@@ -87,10 +85,7 @@ fn every_control_of_the_page_does_what_it_says() {
     browser.value(&click("#automatic"));
     await_shown(&page, "automatic", |shown| shown.is_exposure_automatic);
     check_light(&page, &mut browser);
-    set(&mut browser, "error", "1.5");
-    await_shown(&page, "an error bound", |shown| shown.bounds.error_px == 1.5);
-    set(&mut browser, "rate", "20");
-    await_shown(&page, "a rate bound", |shown| shown.bounds.rate_fps == Some(20.0));
+    check_bounds(&page, &mut browser);
     set(&mut browser, "pace", "30");
     browser.value(&click("#set-pace"));
     let frame = || page.local.client().status().expect("a status").frame.0;
@@ -152,6 +147,23 @@ const CONTRASTS: &str = r"(() => {
     }).map((of) => of.outerHTML);
 })()";
 
+/// The last action stands as a command, with the token of the manager, or with keys where it has
+/// them.
+fn check_curl(browser: &mut Browser) {
+    let curl = browser.value("document.getElementById('curl').textContent");
+    let curl = curl.as_str().expect("a line");
+    assert!(curl.contains("login --token") && curl.contains("curl -X POST"), "{curl}");
+    assert!(curl.ends_with("/api/v1/scene/open'"), "{curl}");
+    let with_keys = browser.value(
+        "import('/requests.js').then((of) => of.curlLine('GET', '/a', undefined, 'https://m'))",
+    );
+    assert_eq!(
+        with_keys,
+        "curl -X GET --cacert \"$POLYPTYCH_KEYS/authority.pem\" --cert \
+         \"$POLYPTYCH_KEYS/cert.pem\" --key \"$POLYPTYCH_KEYS/key.pem\" 'https://m/a'"
+    );
+}
+
 fn click(browser: &mut Browser, id: &str) {
     browser.value(&format!("document.getElementById('{id}').click()"));
 }
@@ -202,6 +214,21 @@ fn check_light(page: &Page, browser: &mut Browser) {
     browser.await_true("document.getElementById('fog').value === ''");
 }
 
+/// One bound is set without the other, and not by text that is no number.
+fn check_bounds(page: &Page, browser: &mut Browser) {
+    set(browser, "error", "1.5");
+    await_shown(page, "an error bound", |shown| shown.bounds.error_px == 1.5);
+    // The page may have no status of the error bound yet.
+    set(browser, "rate", "20");
+    let both = QualityBounds { error_px: 1.5, rate_fps: Some(20.0) };
+    await_shown(page, "a rate bound", |shown| shown.bounds == both);
+    browser.value("document.getElementById('rate').focus()");
+    browser.call("Input.insertText", &serde_json::json!({ "text": "3-" }));
+    browser.value("document.getElementById('rate').blur()");
+    browser.await_true("document.getElementById('log').textContent.includes('lowest rate')");
+    assert_eq!(presentation(page).bounds, both);
+}
+
 /// A view lies over the half of the wall that was chosen, the head moves, and the camera flies.
 fn check_sight(page: &Page, browser: &mut Browser) {
     page.ask("POST", "/scene/open", Some(&serde_json::json!({ "path": "town.glb" }))).value();
@@ -213,13 +240,13 @@ fn check_sight(page: &Page, browser: &mut Browser) {
     };
     let [left, right] = [false, true].map(half);
     let away = Camera { position: DVec3::new(0.0, 9e6, 0.0), ..presentation(page).camera };
-    page.local.client().store_view("away", Some(away)).expect("stored");
-    // The list is read with the next change of it.
+    // What others store is listed before one is chosen, and used as it is stored then.
+    page.local.client().store_view("away", None).expect("stored");
     fill(browser, "part-left", "50");
-    browser.value("document.querySelector('#store-form [name=name]').value = 'here'");
-    submit(browser, "store-form");
-    browser.await_true("[...document.getElementById('part-view').options].length === 3");
+    browser.value("document.getElementById('part-view').focus()");
+    browser.await_true("document.getElementById('part-view').options.length === 2");
     fill(browser, "part-view", "away");
+    page.local.client().store_view("away", Some(away)).expect("stored");
     submit(browser, "part-form");
     await_shown(page, "a view over a part", |shown| shown.views.len() == 1);
     let area = polyptych_client::Area::Screen { screen: 0, rect: [240, 0, 240, 272] };
@@ -255,6 +282,8 @@ fn check_sight(page: &Page, browser: &mut Browser) {
 /// All stored views are played one after the other, until it is stopped.
 fn check_tour(page: &Page, browser: &mut Browser) {
     let client = page.local.client();
+    // The page has not listed this one.
+    client.store_view("here", None).expect("stored");
     click(browser, "play-tour");
     let tour = || client.tour().expect("a tour");
     wait::until("a tour", || tour().tour.filter(|tour| tour.stops.len() == 2));
@@ -286,9 +315,17 @@ fn check_kept(page: &Page, browser: &mut Browser) {
     browser.await_true("document.getElementById('saved').value === ''");
     click(browser, "remove-session");
     browser.await_true("document.getElementById('sessions').value === ''");
+    client.save_session("of others").expect("saved");
+    browser.value("document.getElementById('sessions').focus()");
+    browser.await_true("document.getElementById('sessions').value === 'of others'");
+    click(browser, "remove-session");
+    browser.await_true("document.getElementById('sessions').value === ''");
     assert_eq!(client.sessions().expect("a list"), []);
     fill(browser, "files", "town.glb");
+    browser.value("document.querySelector('[name=keep_camera]').checked = true");
     click(browser, "open-file");
+    let line = browser.value("document.getElementById('curl').textContent");
+    assert!(line.as_str().is_some_and(|line| line.contains(r#""keep_camera":true"#)), "{line}");
     browser.await_true("document.getElementById('scene-name').textContent === 'town'");
     // It has a picture once the wall has shown it while a page was open.
     browser.await_true(
@@ -297,6 +334,10 @@ fn check_kept(page: &Page, browser: &mut Browser) {
     );
     click(browser, "refresh-files");
     browser.await_true("document.getElementById('files-preview').naturalWidth === 240");
+    // Of two files with one name it may be either's.
+    browser.value("document.getElementById('files').add(new Option('', 'other/town.gltf'))");
+    set(browser, "files", "town.glb");
+    browser.await_true("document.getElementById('files-preview').hidden");
 }
 
 /// Rules by which displays go dark are set and taken away.
@@ -374,6 +415,8 @@ fn the_page_is_red_within_two_seconds_where_a_channel_is_gone() {
          if (document.querySelector('.channel.bad') && !redAt) redAt = Date.now(); })\
          .observe(document.getElementById('channels'), { subtree: true, attributes: true })",
     );
+    let faults = browser.value(FAULTS_WHILE_IT_RUNS);
+    assert_eq!(faults, serde_json::json!(["frozen", "", ""]));
     let server = page.local.wall().channels[0].server.clone();
     let began = browser.value("Date.now()").as_f64().expect("a time");
     page.local.servers[&server].signal(Signal::KILL);
@@ -385,4 +428,24 @@ fn the_page_is_red_within_two_seconds_where_a_channel_is_gone() {
     // Without its manager nothing is believed any more.
     page.local.manager.signal(Signal::KILL);
     browser.await_true("document.querySelectorAll('.channel.bad').length === 2");
+    // A manager that comes after it may have another wall.
+    let place = &page.local.place;
+    let wall = place.write("other.toml", polyptych_wall_file::to_toml(&small(1, 1)));
+    let wall = wall.to_str().expect("text");
+    let other = ["manager", "--listen", ANY_PORT, "--http", &page.address, wall];
+    let _manager = place.start("other manager", other);
+    browser.await_true("document.getElementById('align-channel').options.length === 1");
 }
+
+/// What is wrong with a channel that is live, getting ready or ready, if it has shown nothing for
+/// long while the wall runs.
+const FAULTS_WHILE_IT_RUNS: &str = "Promise.all([import('/health.js'), import('/state.js')]).then(
+    ([{ fault }, { state }]) => {
+        const before = { ...state };
+        const status = { ...state.status, frame: 100 };
+        Object.assign(state, { status, frameBefore: 50, statusAt: Date.now() });
+        const channel = { frame: 3, revision: status.revision };
+        const faults = ['live', 'preparing', 'ready'].map((of) => fault({ ...channel, state: of }));
+        Object.assign(state, before);
+        return faults;
+    })";

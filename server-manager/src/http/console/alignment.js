@@ -3,65 +3,70 @@
 
 import { changesTo, handlesOf } from "./handles.js";
 import { displayFromUpright, displaySize, uprightShift } from "./hanging.js";
-import { act, read } from "./requests.js";
-import { add, byId, on, state } from "./state.js";
+import { act, log, read } from "./requests.js";
+import { add, byId, fill, on, state } from "./state.js";
 
 /** Pictures of the channel are taken this often while nothing moves, in milliseconds. */
 const PICTURE_PERIOD_MS = 1500;
 const PICTURE_WIDTH = 960;
 const UNDO_MAX = 200;
-/** Time between two looks whether all changes were sent, in milliseconds. */
-const SEND_LOOK_MS = 20;
 
 /** The channel as it is being changed; null while none is. */
 let channel = null;
-/** Its adjustment at the beginning, and the pattern that there was. */
+/** Its adjustment at the beginning. */
 let first = null;
-let patternBefore = null;
 /** Changes that lead back, the last one last. */
 let undone = [];
 /** Changes that wait to be sent, the last one of each key. */
 let waiting = new Map();
-let isSending = false;
+/** The wall may have the channel otherwise than the page shows it. */
+let isStale = false;
 let isLoading = false;
+/** The end of all work that has been begun, and how much of it is not done. */
+let turn = Promise.resolve();
+let turns = 0;
 
 const path = () => `/api/v1/channels/${encodeURIComponent(channel.name)}`;
 
-/** Sends what waits; of a point that moves fast only its last place. */
-async function send() {
-  if (isSending) return;
-  isSending = true;
-  try {
-    let isStale = false;
-    while (channel && (waiting.size || isStale)) {
-      if (!waiting.size) {
-        isStale = !await readAgain();
-        continue;
-      }
-      const changes = [...waiting.values()];
-      waiting = new Map();
-      const done = await act("POST", `${path()}/calibration`, { changes });
-      // A picture that would be folded is refused: it stays as it was.
-      isStale ||= done === undefined;
-      loadPicture();
-    }
-  } finally {
-    isSending = false;
-  }
+/** Does work after all that came before it. The browser has several connections, so that an undo
+ *  could otherwise be done before the move that it takes back. */
+function inTurn(work) {
+  turns += 1;
+  turn = turn.then(work, work).finally(() => { turns -= 1; });
+  return turn;
 }
 
-/** Takes the channel as the wall has it. Returns false if a point was moved meanwhile, which is
- *  newer: its button may be in the hand. */
+/** Takes the changes that wait; of a point that moves fast only its last place. */
+function takeWaiting() {
+  const changes = [...waiting.values()];
+  waiting = new Map();
+  return changes;
+}
+
+/** Sends changes, and reads the channel again where that is due. Returns whether they were made. */
+async function send(changes) {
+  if (!channel) return false;
+  let isDone = true;
+  if (changes.length) {
+    isDone = await act("POST", `${path()}/calibration`, { changes }) !== undefined;
+    // A picture that would be folded is refused: it stays as it was.
+    if (!isDone) isStale = true;
+    loadPicture();
+  }
+  if (isStale && turns === 1) await readAgain();
+  return isDone;
+}
+
+/** Takes the channel as the wall has it, unless a point was moved meanwhile: that is newer, and its
+ *  button may be in the hand. */
 async function readAgain() {
-  const of = channel;
   const wall = await read("/api/v1/wall");
-  if (waiting.size) return false;
-  const found = wall?.channels.find(({ name }) => name === of?.name);
-  if (!found || channel !== of) return true;
+  const found = wall?.channels.find(({ name }) => name === channel.name);
+  if (!found || turns > 1) return;
+  isStale = false;
   state.wall = wall;
   channel = structuredClone(found);
   placeHandles();
-  return true;
 }
 
 async function loadPicture() {
@@ -100,7 +105,7 @@ function move(button, handle, to) {
   handle.put(to);
   place(button, handle);
   waiting.set(handle.label, handle.change(to));
-  send();
+  inTurn(() => send(takeWaiting()));
 }
 
 const before = (handle) =>
@@ -168,22 +173,38 @@ function placeHandles() {
     ? channel.adjustment.bend.points.join("x") : "";
 }
 
-async function apply(changes) {
-  waiting = new Map();
-  if (await act("POST", `${path()}/calibration`, { changes }) === undefined) return;
-  await readAgain();
-  loadPicture();
+/** Sends changes after the moves that wait, and shows what the wall made of them. Returns whether
+ *  they were made. */
+function apply(changes) {
+  const all = [...takeWaiting(), ...changes];
+  return inTurn(() => {
+    isStale = true;
+    return send(all);
+  });
+}
+
+/** Takes back the steps from an index on, by these changes. If they fail, the steps stay. */
+async function takeBack(from, changes) {
+  const steps = undone.splice(from);
+  byId("align-undo").disabled = !undone.length;
+  if (await apply(changes)) return;
+  undone.splice(from, 0, ...steps);
+  byId("align-undo").disabled = !undone.length;
 }
 
 async function begin() {
   const name = byId("align-channel").value;
   const wall = await read("/api/v1/wall");
   if (!wall || channel) return;
+  const found = wall.channels.find((of) => of.name === name);
+  if (!found) {
+    log(`the wall has no channel ${name} any more; choose another one`, true);
+    return;
+  }
   state.wall = wall;
-  channel = structuredClone(wall.channels.find((of) => of.name === name));
+  channel = structuredClone(found);
   first = structuredClone(channel.adjustment);
-  patternBefore = state.status?.presentation.pattern ?? null;
-  [undone, waiting] = [[], new Map()];
+  [undone, waiting, isStale] = [[], new Map(), false];
   byId("align").hidden = false;
   byId("align-begin").disabled = byId("align-channel").disabled = true;
   byId("align-undo").disabled = true;
@@ -193,32 +214,25 @@ async function begin() {
 }
 
 async function end() {
-  // The last place of a point may still wait for the one before.
-  while (isSending) await new Promise((done) => setTimeout(done, SEND_LOOK_MS));
   if (!channel) return;
   channel = null;
   byId("align").hidden = true;
   byId("align-begin").disabled = byId("align-channel").disabled = false;
   await act("PUT", "/api/v1/marker", { marker: null });
-  await act("PUT", "/api/v1/pattern", { pattern: patternBefore });
+  await act("PUT", "/api/v1/pattern", { pattern: null });
+}
+
+/** Lists the wall's channels. */
+export function listChannels() {
+  fill("align-channel", state.wall.channels.map(({ name }) => name));
 }
 
 /** Lets the controls of the alignment work. */
 export function startAlignment() {
-  state.wall.channels.forEach(({ name }) =>
-    byId("align-channel").append(new Option(name, name)));
-  on("align-begin", "click", begin);
-  on("align-undo", "click", () => {
-    const changes = undone.pop();
-    byId("align-undo").disabled = !undone.length;
-    if (changes) apply(changes);
-  });
-  on("align-revert", "click", () => {
-    undone = [];
-    byId("align-undo").disabled = true;
-    apply(changesTo(first));
-  });
-  on("align-keep", "click", end);
+  on("align-begin", "click", () => inTurn(begin));
+  on("align-undo", "click", () => takeBack(undone.length - 1, undone.at(-1)));
+  on("align-revert", "click", () => takeBack(0, changesTo(first)));
+  on("align-keep", "click", () => inTurn(end));
   on("align-bend", "change", () => {
     const value = byId("align-bend").value;
     remember(changesTo(channel.adjustment));

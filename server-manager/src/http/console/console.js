@@ -1,7 +1,7 @@
 // The console: shows the wall as it is, and commands it. All that it does is in the HTTP
 // interface.
 
-import { startAlignment } from "./alignment.js";
+import { listChannels, startAlignment } from "./alignment.js";
 import { steer } from "./camera.js";
 import { showDisplays, startDisplays } from "./displays.js";
 import { showHealth } from "./health.js";
@@ -9,9 +9,9 @@ import { showLight, startLight } from "./light.js";
 import { pictures, placeChannels } from "./picture.js";
 import { plot, startPlots } from "./plots.js";
 import { ask, log, read } from "./requests.js";
-import { showScene, startScenes } from "./scenes.js";
+import { listScenes, showScene, startScenes } from "./scenes.js";
 import { byId, state } from "./state.js";
-import { showViews, startViews } from "./views.js";
+import { listScreens, listViews, showViews, startViews } from "./views.js";
 
 function show() {
   showHealth();
@@ -27,13 +27,22 @@ const LISTEN_PERIOD_MS = 2000;
 /** Events have stopped: a manager that comes after it may have another wall. */
 let isLost = false;
 
+/** Shows the channels and screens of the wall. */
+function showWall() {
+  placeChannels();
+  listScreens();
+  listChannels();
+}
+
 async function readWallAgain() {
   const wall = await read("/api/v1/wall");
   if (!wall) return;
   isLost = false;
   const isSame = JSON.stringify(wall) === JSON.stringify(state.wall);
   state.wall = wall;
-  if (!isSame) placeChannels();
+  if (!isSame) showWall();
+  listViews();
+  listScenes();
 }
 
 function listen() {
@@ -75,9 +84,9 @@ async function start() {
     byId("health").textContent = "the manager does not let this page in";
     return;
   }
-  placeChannels();
-  const refreshViews = startViews();
-  startScenes(refreshViews);
+  showWall();
+  startViews();
+  startScenes();
   startAlignment();
   listen();
   pictures();

@@ -1,6 +1,6 @@
 // What displays show of the picture: modes, patterns, bounds, pace, and when they rest.
 
-import { act, actAndDraw, log } from "./requests.js";
+import { act, actAndDraw, log, presentation } from "./requests.js";
 import { byId, isFree, on, state } from "./state.js";
 
 /** Shows how displays are. */
@@ -69,13 +69,21 @@ export function startDisplays() {
   on("pattern", "change",
     () => act("PUT", "/api/v1/pattern", { pattern: byId("pattern").value || null }));
   // The other bound stays as it is: a slider may not be able to show it.
-  const bound = (change) => {
-    const { error_px, rate_fps } = state.status.presentation.bounds;
-    actAndDraw("PUT", "/api/v1/bounds", { error_px, rate_fps, ...change });
+  const bound = async (change) => {
+    const shown = await presentation();
+    if (!shown) return;
+    const { error_px, rate_fps } = shown.bounds;
+    await actAndDraw("PUT", "/api/v1/bounds", { error_px, rate_fps, ...change });
   };
   on("error", "change", () => bound({ error_px: Number(byId("error").value) }));
-  on("rate", "change",
-    () => bound({ rate_fps: byId("rate").value ? Number(byId("rate").value) : null }));
+  on("rate", "change", () => {
+    const { value, validity } = byId("rate");
+    if (validity.badInput) {
+      log("lowest rate: write a number, or nothing for none", true);
+      return;
+    }
+    bound({ rate_fps: value ? Number(value) : null });
+  });
   on("set-pace", "click", () => {
     const pace = byId("pace").value;
     const rate = pace ? { rate: Number(pace) } : {};

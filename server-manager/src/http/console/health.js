@@ -13,9 +13,11 @@ export function fault(channel) {
   const mode = status.presentation.output_mode;
   if (mode === "blank") return "black";
   if (mode === "freeze") return "frozen";
+  // No frame waits for a channel that joins or gets ready.
+  if (channel.state !== "live") return "";
   const isMoving = frameBefore !== null && status.frame > frameBefore + 2;
   if (isMoving && channel.frame < frameBefore) return "frozen";
-  if (channel.state === "live" && channel.revision !== status.revision && !status.opening.length) {
+  if (channel.revision !== status.revision && !status.opening.length) {
     return `revision ${channel.revision}`;
   }
   return "";

@@ -1,22 +1,22 @@
 // Scenes: files of the manager, saved ones, and sessions of all that the wall shows.
 
 import { act, log, read } from "./requests.js";
-import { byId, on, state } from "./state.js";
+import { byId, fill, on, state } from "./state.js";
+import { listViews } from "./views.js";
 
 const encoded = encodeURIComponent;
 
-function fill(id, values, title = (value) => value) {
-  const before = byId(id).value;
-  byId(id).replaceChildren(...values.map((value) => new Option(title(value), value)));
-  if (values.includes(before)) byId(id).value = before;
-}
+/** The name of a file's scene. */
+const nameOf = (path) => path.split("/").at(-1).replace(/\.[^.]*$/, "");
 
 /** Shows the chosen file's scene, if the wall has shown it while somebody watched. */
 async function preview() {
-  const name = byId("files").value.split("/").at(-1).replace(/\.[^.]*$/, "");
+  const name = nameOf(byId("files").value);
   const names = await read("/api/v1/scene/previews") ?? [];
   const image = byId("files-preview");
-  image.hidden = !names.includes(name);
+  // Pictures have names of scenes: of two files with one name it may be either's.
+  const files = [...byId("files").options].filter((option) => nameOf(option.value) === name);
+  image.hidden = files.length !== 1 || !names.includes(name);
   if (!image.hidden) image.src = `/api/v1/scene/previews/${encoded(name)}.jpg`;
 }
 
@@ -29,12 +29,19 @@ async function listFiles() {
   preview();
 }
 
-async function listSaved() {
-  fill("saved", (await read("/api/v1/scene/saved") ?? []).map((scene) => scene.name));
+async function listNames(id, path) {
+  const entries = await read(path);
+  if (entries) fill(id, entries.map(({ name }) => name));
 }
 
-async function listSessions() {
-  fill("sessions", (await read("/api/v1/sessions") ?? []).map((session) => session.name));
+const listSaved = () => listNames("saved", "/api/v1/scene/saved");
+const listSessions = () => listNames("sessions", "/api/v1/sessions");
+
+/** Reads what can be opened anew. */
+export function listScenes() {
+  listFiles();
+  listSaved();
+  listSessions();
 }
 
 /** Shows which scene is open, and how far the next one has come. */
@@ -75,13 +82,13 @@ function ofChosen(button, select, work, list = null) {
 }
 
 /** Lets the controls of scenes and sessions work. */
-export function startScenes(refresh) {
+export function startScenes() {
+  const { path, keep_camera } = byId("open-form").elements;
   on("open-form", "submit", (event) => {
     event.preventDefault();
-    const form = new FormData(event.target);
-    open(form.get("path"), form.get("keep_camera") === "on");
+    open(path.value, keep_camera.checked);
   });
-  ofChosen("open-file", "files", (path) => open(path, false));
+  ofChosen("open-file", "files", (file) => open(file, keep_camera.checked));
   on("refresh-files", "click", listFiles);
   on("files", "change", preview);
   on("close", "click", () => act("POST", "/api/v1/scene/close"));
@@ -90,10 +97,11 @@ export function startScenes(refresh) {
   ofChosen("remove-saved", "saved",
     (name) => act("DELETE", `/api/v1/scene/saved/${encoded(name)}`), listSaved);
   ofForm("save-session-form", listSessions, "/api/v1/sessions/");
-  ofChosen("open-session", "sessions", openSession, refresh);
+  ofChosen("open-session", "sessions", openSession, listViews);
   ofChosen("remove-session", "sessions",
     (name) => act("DELETE", `/api/v1/sessions/${encoded(name)}`), listSessions);
-  listFiles();
-  listSaved();
-  listSessions();
+  // Others may have saved or removed some.
+  on("saved", "focus", listSaved);
+  on("sessions", "focus", listSessions);
+  listScenes();
 }

@@ -20,6 +20,17 @@ export function add(parent, tag, properties = {}) {
   return element;
 }
 
+/** Lists these values in a select; the chosen one stays chosen. */
+export function fill(id, values, title = (value) => value) {
+  const list = byId(id);
+  const options = values.map((value) => new Option(title(value), value));
+  // An open list closes in some browsers when its options are replaced.
+  if (options.map((option) => option.outerHTML).join("") === list.innerHTML) return;
+  const before = list.value;
+  list.replaceChildren(...options);
+  if (values.includes(before)) list.value = before;
+}
+
 export const on = (id, name, work) => byId(id).addEventListener(name, work);
 
 /** Returns whether a control, or a form, may be written: the focus is not in it. */

@@ -1,20 +1,29 @@
 // What is looked at: stored views, tours of them, views over parts of the wall, and the head.
 
-import { act, actAndDraw, presentation, read } from "./requests.js";
-import { add, byId, isFree, on, state } from "./state.js";
+import { act, actAndDraw, log, presentation, read } from "./requests.js";
+import { add, byId, fill, isFree, on, state } from "./state.js";
 
 const TOUR_RATE = 30;
 const viewPath = (name) => `/api/v1/views/${encodeURIComponent(name)}`;
 let stored = [];
 
-/** Reads the list of stored views anew. */
+/** Reads the stored views anew: others store and remove them too. */
 export async function listViews() {
-  stored = await read("/api/v1/views") ?? [];
-  byId("views").replaceChildren(...stored.map(({ name }) => new Option(name, name)));
+  stored = await read("/api/v1/views") ?? stored;
+  const names = stored.map(({ name }) => name);
+  fill("views", names);
+  fill("part-view", ["", ...names], (name) => name || "the present camera");
+}
+
+/** Lists the wall's screens. */
+export function listScreens() {
+  const { screens } = state.wall;
+  fill("part-screen", screens.map((_, at) => String(at)), (at) => screens[at].name);
 }
 
 /** Plays all stored views, each after the one before. A wall that is paused draws for it. */
 async function playTour() {
+  await listViews();
   const travel_s = Number(byId("tour-travel").value);
   const stops = stored.map(({ camera }) =>
     ({ camera, travel_s, stay_s: Number(byId("tour-stay").value), easing: "Smooth" }));
@@ -45,8 +54,14 @@ function part() {
 }
 
 async function layOver() {
-  const chosen = stored.find(({ name }) => name === byId("part-view").value);
+  const name = byId("part-view").value;
   const area = part();
+  if (name) await listViews();
+  const chosen = stored.find((view) => view.name === name);
+  if (name && !chosen) {
+    log(`view ${name} is not stored any more; choose another one`, true);
+    return;
+  }
   const shown = await presentation();
   if (!shown) return;
   const camera = chosen?.camera ?? shown.camera;
@@ -98,33 +113,24 @@ export function showViews() {
 
 /** Lets the controls of views, tours and the head work. */
 export function startViews() {
-  const refresh = async () => {
-    await listViews();
-    const chosen = byId("part-view").value;
-    const names = stored.map(({ name }) => new Option(name, name));
-    byId("part-view").replaceChildren(new Option("the present camera", ""), ...names);
-    byId("part-view").value = chosen;
-  };
   const chosen = () => byId("views").value;
   on("show-view", "click", () => chosen() && act("POST", `${viewPath(chosen())}/show`));
   on("remove-view", "click", async () => {
     if (chosen()) await act("DELETE", viewPath(chosen()));
-    refresh();
+    listViews();
   });
   on("store-form", "submit", async (event) => {
     event.preventDefault();
     const name = new FormData(event.target).get("name");
     event.target.reset();
     await act("PUT", viewPath(name), {});
-    refresh();
+    listViews();
   });
   on("play-tour", "click", playTour);
   on("stop-tour", "click", async () => {
     await act("DELETE", "/api/v1/tour");
     showTour();
   });
-  state.wall.screens.forEach((screen, at) =>
-    byId("part-screen").append(new Option(screen.name, at)));
   on("part-form", "submit", (event) => {
     event.preventDefault();
     layOver();
@@ -135,8 +141,8 @@ export function startViews() {
     const position = ["x", "y", "z"].map((axis) => Number(byId(`head-${axis}`).value));
     actAndDraw("PUT", "/api/v1/head", { position });
   });
-  refresh();
+  for (const id of ["views", "part-view"]) on(id, "focus", listViews);
+  listViews();
   showTour();
   setInterval(() => document.hidden || showTour(), 2000);
-  return refresh;
 }
