@@ -384,6 +384,9 @@ impl RenderThread {
         let uploaded = match upload {
             Upload::Begin { layout, shares, is_part } => {
                 self.build_fault = None;
+                if !shares && self.losses.begin_scene(layout.content_bytes()) {
+                    self.check_displays();
+                }
                 let latest = self.states.back().filter(|_| shares);
                 SceneBuilder::of(&self.gpu, layout)
                     .map(|builder| builder.without_levels(self.losses.levels_left_out))
