@@ -128,7 +128,8 @@ impl<'a> Benchmark<'a> {
                 self.time(&stage, samples, |time_s| stage.camera_at(time_s))?;
                 bound.memory = stage.memory()?;
             }
-            self.time(&stage, &mut empty, |_| stage.camera_away())?;
+            stage.show_only(stage.add_empty_node()?, stage.camera_at(0.0))?;
+            self.time(&stage, &mut empty, |time_s| stage.camera_at(time_s))?;
             drop(stage);
             for (&count, measured) in self.options.channel_counts.iter().zip(&mut channels).skip(1)
             {

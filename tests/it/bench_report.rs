@@ -4,7 +4,7 @@ use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
 
 use rustix::process::Signal;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::harness::place::TestDir;
 use crate::harness::scenes::{Gltf, town};
@@ -142,14 +142,29 @@ echo '{"name": "three", "median_ms": 1.5, "round": 1}' >"$9/runs.jsonl"
 echo '{"name": "vtk", "error": "no <display>", "round": 1}' >>"$9/runs.jsonl"
 "#;
 
+/// A triangle below a ceiling, which is a background: bounds leave it out.
+fn below_ceiling() -> Gltf {
+    Gltf::triangle().with(|file| {
+        let corners = [-40.0, 20.0, -40.0, 40.0, 20.0, -40.0, 0.0, 20.0, 40.0];
+        let positions = file.floats("VEC3", &corners);
+        let ceiling = json!({ "primitives": [{ "attributes": { "POSITION": positions } }] });
+        file.json["meshes"].as_array_mut().expect("a list").push(ceiling);
+        file.json["nodes"] = json!([{ "mesh": 0 }, { "mesh": 1 }]);
+        file.json["scenes"] = json!([{ "nodes": [0, 1] }]);
+    })
+}
+
 #[test]
 fn other_renderers_are_timed_by_the_kit_that_the_user_names() {
     let place = TestDir::new();
-    place.write("one.glb", Gltf::triangle().glb());
+    place.write("one.glb", below_ceiling().glb());
     let kit = place.write("kit/time.sh", KIT);
     fs::set_permissions(&kit, Permissions::from_mode(0o700)).expect("a program");
     place.run(arguments("3", &["one.glb", "--peers", "kit"])).succeeded();
-    let peers = &json_of(&place)[0]["peers"];
+    let scene = &json_of(&place)[0];
+    // Above the scene, a camera that looks up would see the ceiling.
+    assert_eq!(number(&scene["empty_frame"], "triangles"), 0.0, "{scene}");
+    let peers = &scene["peers"];
     assert_eq!((&peers[0]["name"], &peers[0]["frame_ms"]), (&"three".into(), &1.5.into()));
     assert_eq!((&peers[1]["name"], &peers[1]["frame_ms"]), (&"vtk".into(), &Value::Null));
     let page = page_of(&place);

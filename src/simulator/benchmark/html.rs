@@ -55,8 +55,8 @@ fn meaning(run: &RunInfo) -> String {
          <dt>Frame</dt><dd>Time from the frame command to the swap command: the median of all \
          frames, the range that half of them lie in, and the time that 95 % do not exceed. The \
          camera goes around the scene by 1° a frame. Settings take turns in every round.</dd>\n\
-         <dt>Empty frame</dt><dd>The same wall and scene while the camera looks away: what a frame \
-         costs without anything to draw.</dd>\n\
+         <dt>Empty frame</dt><dd>The same wall and scene while only an empty node is shown: what a \
+         frame costs without anything to draw.</dd>\n\
          <dt>Flat colour</dt><dd>The same geometry and poses without materials, textures and \
          lights: what no shading can be faster than.</dd>\n\
          <dt>Step of the load</dt><dd>A rate bound of 1.3 frames of one camera while the scene is \

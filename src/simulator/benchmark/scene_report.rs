@@ -100,7 +100,7 @@ pub(crate) struct SceneReport {
     pub run: RunInfo,
     /// From full detail to the largest bound, on one channel.
     pub(super) bounds: Vec<BoundReport>,
-    /// The costs of the wall without anything to draw: the camera looks away from the scene.
+    /// The costs of the wall without anything to draw: it shows an empty node instead of the scene.
     pub(super) empty_frame: Option<FrameCosts>,
     /// The geometry at full detail in one colour: without materials and lights.
     pub(super) flat_frame: Option<FrameCosts>,

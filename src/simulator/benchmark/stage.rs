@@ -95,14 +95,6 @@ impl Stage {
         Camera { position: eye - rotation * (scale * self.wall.eye), rotation, scale }
     }
 
-    /// Returns a camera above the scene that looks up, and so sees the background only.
-    pub fn camera_away(&self) -> Camera {
-        let bounds = self.summary.bounds.unwrap_or(self.focus);
-        let up = DVec3::Y * bounds.radius().max(1.0);
-        let above = bounds.center() + 4.0 * up;
-        Camera::look_at(above, above + up, DVec3::Z)
-    }
-
     /// Adds a node that shows nothing to the scene.
     pub fn add_empty_node(&self) -> anyhow::Result<NodeId> {
         let mut adding = Transaction::default();
@@ -111,9 +103,15 @@ impl Stage {
         added.created.first().copied().context("the manager has made no node")
     }
 
+    /// Shows an empty node instead of the scene, from this camera: wherever a camera looks, it may
+    /// see a dome of the scene.
+    pub fn show_only(&self, empty: NodeId, camera: Camera) -> anyhow::Result<()> {
+        self.set_views(vec![View { root: Some(empty.0), ..View::of_wall(camera) }])
+    }
+
     /// Returns the picture of what this camera sees where the scene shows only an empty node.
     pub fn background(&self, camera: Camera, empty: NodeId) -> anyhow::Result<Image> {
-        self.set_views(vec![View { root: Some(empty.0), ..View::of_wall(camera) }])?;
+        self.show_only(empty, camera)?;
         let picture = self.picture(camera)?;
         self.set_views(Vec::new())?;
         Ok(picture)
