@@ -13,7 +13,7 @@ use lyon_tessellation::path::path::Builder;
 use lyon_tessellation::{
     BuffersBuilder, FillOptions, FillRule, FillTessellator, FillVertex, VertexBuffers,
 };
-use polyptych_scene::Material;
+use polyptych_scene::{AlphaMode, Material};
 use ttf_parser::{Face, GlyphId, OutlineBuilder};
 
 use crate::assets::{AssetError, Assets};
@@ -55,9 +55,14 @@ impl Assets {
     /// [`AssetError::Label`].
     pub fn add_label(&mut self, text: &str, size: f32, color: Vec4) -> Result<u32, AssetError> {
         let mesh = MeshData::text(text, size)?;
-        let material =
-            Material { base_color: color, unlit: true, double_sided: true, ..Self::matt() };
-        let material = self.add_material(material);
+        let alpha_mode = if color.w < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque };
+        let material = self.add_material(Material {
+            base_color: color,
+            alpha_mode,
+            unlit: true,
+            double_sided: true,
+            ..Self::matt()
+        });
         Ok(self.add_mesh(mesh, Some(material)))
     }
 }
@@ -237,6 +242,16 @@ mod tests {
         let bytes = many.positions.len() * 12 + many.indices.len() * 4;
         println!("208 letters take {bytes} bytes");
         assert!(bytes < 512 << 10);
+    }
+
+    #[test]
+    fn a_label_is_seen_through_if_its_colour_is() {
+        for (alpha, is_blended) in [(1.0, false), (0.5, true)] {
+            let mut assets = Assets::default();
+            assets.add_label("a", 1.0, Vec4::new(1.0, 1.0, 1.0, alpha)).expect("a label");
+            let file = assets.to_glb().expect("sound");
+            assert_eq!(String::from_utf8_lossy(&file).contains("BLEND"), is_blended);
+        }
     }
 
     #[test]

@@ -75,9 +75,10 @@ pub(super) struct AddArguments {
 pub(super) struct SetArguments {
     /// The node, by its number, its path such as /house/door, or the end of its path
     node: String,
-    /// As of `node add`, and switch=CHILD, which shows only this of the nodes that hang from it,
-    /// or switch=all; fill=solid|wireframe|points shading=material|unlit highlight=#RRGGBB|off
-    /// facing=eye|upright|none, for all that hangs from it too; what is not given stays as it is
+    /// As of `node add`, a label with size and color; and switch=CHILD, which shows only this of
+    /// the nodes that hang from it, or switch=all; fill=solid|wireframe|points
+    /// shading=material|unlit highlight=#RRGGBB|off facing=eye|upright|none, for all that hangs
+    /// from it too; what is not given stays as it is
     #[arg(required = true, value_name = "KEY=VALUE")]
     words: Vec<String>,
     #[command(flatten)]
@@ -225,6 +226,7 @@ impl Editor {
     }
 
     fn set(&mut self, node: &str, mut change: NodeChange) -> anyhow::Result<()> {
+        change.check_label()?;
         change.take_shape(&mut self.assets)?;
         let node = self.node(node)?;
         let (local, style) = if let Some(known) = self.places.get(&node) {

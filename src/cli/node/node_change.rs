@@ -122,6 +122,18 @@ impl NodeChange {
         Ok(())
     }
 
+    /// Checks a label of a node that is there: the size and the colour of the one before are not
+    /// kept, so that they would change unasked.
+    ///
+    /// # Errors
+    /// The label has no size or no colour.
+    pub fn check_label(&self) -> anyhow::Result<()> {
+        if self.label.is_some() && (self.size.is_none() || self.color.is_none()) {
+            bail!("a label is set with size and colour: label=TEXT size=SIZE color=#RRGGBB");
+        }
+        Ok(())
+    }
+
     /// Puts the mesh that it asks for into these.
     ///
     /// # Errors
@@ -372,6 +384,17 @@ mod tests {
         assert_eq!((moved.matrix3, moved.translation), (local.matrix3, DVec3::new(4.0, 5.0, 6.0)));
         let grown = change(&["scale=3"]).expect("words").place(&DAffine3::from_scale(DVec3::ONE));
         assert!(grown.matrix3.abs_diff_eq(DMat3::from_diagonal(DVec3::splat(3.0)), 1e-12));
+    }
+
+    #[test]
+    fn a_label_is_set_with_its_size_and_its_colour() {
+        let check = |words: &[&str]| change(words).expect("words").check_label();
+        for words in [&["label=a"][..], &["label=a", "size=2"], &["label=a", "color=#ff0000"]] {
+            let error = check(words).expect_err("less").to_string();
+            assert!(error.ends_with("label=TEXT size=SIZE color=#RRGGBB"), "{error}");
+        }
+        check(&["label=a", "size=2", "color=#ff0000"]).expect("all");
+        check(&["visible=true"]).expect("none");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, bail};
 use polyptych_client::glam::{Vec2, Vec3, Vec4};
-use polyptych_client::{Assets, Material, MeshData};
+use polyptych_client::{AlphaMode, Assets, Material, MeshData};
 use serde_json::Value;
 
 /// The shapes, as they stand in help and in errors.
@@ -47,7 +47,9 @@ impl Shape {
         // Lines and points have no side that light could fall on.
         let unlit = self.0.topology != polyptych_client::Topology::Triangles;
         let base_color = color.unwrap_or(Vec4::ONE);
-        let material = assets.add_material(Material { base_color, unlit, ..Assets::matt() });
+        let alpha_mode = if base_color.w < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque };
+        let material = Material { base_color, alpha_mode, unlit, ..Assets::matt() };
+        let material = assets.add_material(material);
         assets.add_mesh(self.0, Some(material))
     }
 }
@@ -208,6 +210,17 @@ mod tests {
             assert!(error.contains(part), "{value}: {error}");
         }
         assert_eq!(Shape::of(&json!(3)).expect("an index"), None);
+    }
+
+    #[test]
+    fn a_shape_is_seen_through_if_its_colour_is() {
+        for (word, is_blended) in [("#ff8000", false), ("#ff800080", true)] {
+            let shape = Shape::of(&json!("box:1")).expect("a shape").expect("given");
+            let mut assets = Assets::default();
+            shape.add_to(&mut assets, Some(color(&json!(word)).expect("a colour")));
+            let file = assets.to_glb().expect("sound");
+            assert_eq!(String::from_utf8_lossy(&file).contains("BLEND"), is_blended, "{word}");
+        }
     }
 
     #[test]
