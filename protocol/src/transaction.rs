@@ -90,14 +90,18 @@ impl NewAssets {
     }
 }
 
-/// The numbers that assets got: the first of each kind; the others follow.
+/// The numbers that assets got: the first of each kind; the others follow. Meshes are in the order
+/// in which the nodes of their file show them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AssetNumbers {
     /// The number of its first mesh, as [`NewNode::mesh`].
     pub first_mesh: u32,
-    /// The number of its first material, as in [`Edit::SetMaterial`].
+    /// The number of its first material, as in [`Edit::SetMaterial`]. Materials are in the order of
+    /// their file, those without a use too.
     pub first_material: u32,
-    /// The number of its first texture, as in [`polyptych_scene::TextureRef`].
+    /// The number of its first texture, as in [`polyptych_scene::TextureRef`]. Only textures of
+    /// materials that meshes use have numbers, in the order in which meshes first use them; one
+    /// that is read as a colour and as data has two.
     pub first_texture: u32,
 }
 

@@ -57,11 +57,12 @@ pub fn write(
         added.insert(set.manifest, Arc::new(read_scene(store, set.manifest)?));
     }
     let (whole, ids) = scene.edits.apply_with_hidden(&base, &added);
-    let notes = left_out(&base);
+    let (notes, hidden_at_rest) = (left_out(&base), base.animations.hidden_at_rest());
     drop((base, added));
     let binary = tempfile::tempfile_in(folder).map_err(cannot)?;
     let binary = BufWriter::new(binary);
-    let mut writer = SceneWriter { notes, ..SceneWriter::new(&whole, store, binary, step) };
+    let writer = SceneWriter::new(&whole, store, binary, step);
+    let mut writer = SceneWriter { notes, hidden_at_rest, ..writer };
     let written = writer.write(&ids, &scene.edits).and_then(|lists| {
         let (notes, file) = (std::mem::take(&mut writer.notes), writer.file);
         let (head, binary) = lists.finish(file)?;
@@ -149,6 +150,8 @@ struct SceneWriter<'a> {
     done: u64,
     total: u64,
     notes: Vec<String>,
+    /// The nodes of the scene's file that are hidden until a clip shows them.
+    hidden_at_rest: BTreeSet<u32>,
     /// Attributes and indices of primitives that are in the file.
     geometry: BTreeMap<(BlobHash, VertexLayout, u32, u8), String>,
 }
@@ -160,9 +163,9 @@ impl<'a> SceneWriter<'a> {
         binary: BufWriter<File>,
         step: &'a mut dyn FnMut(u8) -> bool,
     ) -> Self {
-        let (notes, geometry) = (Vec::new(), BTreeMap::new());
+        let (notes, hidden_at_rest, geometry) = (Vec::new(), BTreeSet::new(), BTreeMap::new());
         let file = GlbWriter::new(binary);
-        Self { scene, store, file, step, done: 0, total: 0, notes, geometry }
+        Self { scene, store, file, step, done: 0, total: 0, notes, hidden_at_rest, geometry }
     }
 
     fn write(&mut self, ids: &[NodeId], edits: &SceneEdits) -> Result<Lists, ExportError> {
@@ -380,8 +383,9 @@ impl<'a> SceneWriter<'a> {
         let (mut looks, mut left_out) = (0, 0);
         for (at, node) in nodes.iter().enumerate() {
             let (id, above) = (ids[at], node.parent.map(|parent| ids[parent as usize]));
-            let own = edits.node(id);
+            let (own, of_file) = (edits.node(id), u32::try_from(id.0));
             let is_all = own.is_some_and(|own| own.is_hidden)
+                || of_file.is_ok_and(|node| self.hidden_at_rest.contains(&node))
                 || !edits.is_switched_on(above, id)
                 || !is_shown[at];
             let is_own = in_hidden_layer(at) && is_shown[at];
@@ -483,7 +487,7 @@ struct Hidden {
 }
 
 /// A node's space from that of one of its copies.
-fn place_of(of: &polyptych_scene::Instance) -> DAffine3 {
+pub(crate) fn place_of(of: &polyptych_scene::Instance) -> DAffine3 {
     DAffine3::from_scale_rotation_translation(
         of.scale.as_dvec3(),
         of.rotation.as_dquat(),

@@ -1,10 +1,14 @@
 //! Properties of lights, materials and nodes that clips change beside the places of nodes
 //! (`KHR_animation_pointer`).
 
+use std::collections::BTreeSet;
+
 use glam::{Affine2, DMat2, DVec2, Mat2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::{AlphaMode, Light, LightKind, Material, MaterialExtensions, Scene, TextureRef};
+use crate::{
+    AlphaMode, Animations, Light, LightKind, Material, MaterialExtensions, Scene, TextureRef,
+};
 
 /// Largest factor of a material: the largest number of a half float.
 const FACTOR_MAX: f64 = 65504.0;
@@ -176,6 +180,16 @@ impl AnimatedProperty {
             && self.targets.is_sorted_by(|a, b| a < b)
             && self.rest.len() == self.kind.width()
             && self.rest.iter().all(|number| number.is_finite())
+    }
+}
+
+impl Animations {
+    /// The nodes of the file that clips show and hide, and that are hidden while no clip is played.
+    pub fn hidden_at_rest(&self) -> BTreeSet<u32> {
+        let is_hidden = |of: &&AnimatedProperty| {
+            of.kind == PropertyKind::Visible && of.rest.first().is_some_and(|value| *value < 0.5)
+        };
+        self.properties.iter().filter(is_hidden).flat_map(|of| of.targets.iter().copied()).collect()
     }
 }
 

@@ -326,7 +326,7 @@ impl NodePose {
 }
 
 /// Returns the edited transform of an animated node, seen from that at rest.
-fn edited_from_rest(rest: DAffine3, edited: DAffine3) -> Option<DAffine3> {
+pub(crate) fn edited_from_rest(rest: DAffine3, edited: DAffine3) -> Option<DAffine3> {
     if edited == rest {
         return None;
     }

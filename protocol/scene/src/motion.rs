@@ -11,7 +11,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3};
 
 use crate::animated_property::ChangedMaterial;
-use crate::animation::{AnimatedPath, ClipTime, NodePose};
+use crate::animation::{AnimatedPath, ClipTime, NodePose, edited_from_rest};
 use crate::deformation::{Deformation, Shape, Skin};
 use crate::edit::NodeId;
 use crate::placed_nodes::{MovedPlace, PlacedNodes};
@@ -61,8 +61,8 @@ enum Moves {
     Never,
     /// The way of an animated node, by its index, and its place in the file.
     Animated(usize, DAffine3),
-    /// The way of the joints of a deformation, by its index.
-    Joints(usize),
+    /// The way of the joints of a deformation, by its index, and its place in the file.
+    Joints(usize, DAffine3),
 }
 
 /// The nodes of a skin, from its top down.
@@ -104,7 +104,10 @@ impl Moves {
         match self {
             Self::Never => still,
             Self::Animated(at, rest) => poses[at].local_from(rest, still),
-            Self::Joints(at) => DAffine3::from_translation(anchors[at]),
+            Self::Joints(at, rest) => {
+                let anchor = DAffine3::from_translation(anchors[at]);
+                edited_from_rest(rest, still).map_or(anchor, |change| change * anchor)
+            }
         }
     }
 }
@@ -137,7 +140,7 @@ impl Motion {
             let place = placed.index_of(NodeId(of.node.into())).filter(|_| of.skin.is_some());
             motion.skeletons.push(of.skin.as_ref().map(|skin| motion.skeleton(edits, skin)));
             if let Some(index) = place {
-                tops.insert(index, Moves::Joints(at));
+                tops.insert(index, Moves::Joints(at, base.nodes[of.node as usize].local));
             }
         }
         let of_file = motion.looks.nodes().chain(motion.lamps(edits));
@@ -252,10 +255,10 @@ impl Motion {
     pub fn may_mirror(&self) -> bool {
         // Clips may take away what turns a node inside out at rest.
         let is_turned = |mover: &Mover| match mover.moves {
-            Moves::Animated(_, rest) => {
+            Moves::Animated(_, rest) | Moves::Joints(_, rest) => {
                 [rest, mover.local].iter().any(|local| local.matrix3.determinant() < 0.0)
             }
-            Moves::Never | Moves::Joints(_) => false,
+            Moves::Never => false,
         };
         let mut channels = self.base.animations.clips.iter().flat_map(|clip| &clip.channels);
         let has_negative = channels

@@ -87,7 +87,7 @@ use source::GltfSource;
 use variants::ReplacedMaterials;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 29;
+const BAKER_VERSION: u32 = 30;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.
@@ -328,7 +328,7 @@ impl BakeJob<'_> {
         };
         let draws = polyptych_scene::draws(&scene.nodes, primitives);
         check_expansion(&scene.nodes, &[], draws)?;
-        let mut palette = Palette::default();
+        let mut palette = Palette::new(self.source.document.materials.len());
         let borders = SharedBorders::find(self, &meshes, &scene.nodes, &world)?;
         let mut replaced = ReplacedMaterials::default();
         let materials = (&mut palette, &mut replaced);

@@ -1,6 +1,7 @@
 //! Materials, and what they need of textures and vertices.
 //!
-//! Only materials that something drawn uses are converted, and only their textures are read.
+//! Only materials that something drawn uses are converted, and only their textures are read. The
+//! others are glTF's default: programs count on the numbers of the file.
 
 use std::collections::BTreeMap;
 
@@ -58,10 +59,13 @@ pub(super) struct VertexRequirements {
 /// A material of the file, whether it is lit, and the sets of uv that its vertices have.
 type MaterialKey = (Option<u32>, bool, [Option<u32>; 2]);
 
-/// The materials and textures that are used, in the order of first use.
+/// The materials and textures of a scene.
 #[derive(Debug, Default)]
 pub(super) struct Palette {
+    /// Those of the file in its order, as their first uses need them; behind them those of other
+    /// uses, such as unlit ones of a material that is lit elsewhere.
     pub materials: Vec<Material>,
+    /// Those that are used, in the order of first use.
     pub textures: Vec<TextureUse>,
     needs: Vec<VertexRequirements>,
     by_source: BTreeMap<MaterialKey, u32>,
@@ -69,6 +73,13 @@ pub(super) struct Palette {
 }
 
 impl Palette {
+    /// The palette of a file with so many materials.
+    pub(super) fn new(count: usize) -> Self {
+        let materials = vec![Material::default(); count];
+        let needs = vec![VertexRequirements::default(); count];
+        Self { materials, needs, ..Self::default() }
+    }
+
     /// The scene's material for one of the file, which `place` names, and what it needs.
     /// A primitive that has no normals though it needs some is drawn unlit. Its vertices have these
     /// sets of uv already.
@@ -86,7 +97,7 @@ impl Palette {
         if let Some(&index) = self.by_source.get(&(source, is_lit, uv_sets)) {
             return Ok((Some(index), self.needs[index as usize]));
         }
-        let mut made = match source {
+        let (mut material, needs) = match source {
             Some(index) => {
                 let json = job.source.document.materials.at(index, place)?;
                 self.convert(job, json, (index, is_lit), uv_sets)?
@@ -96,10 +107,19 @@ impl Palette {
                 VertexRequirements { uv_sets, ..VertexRequirements::default() },
             ),
         };
-        made.0.unlit |= !is_lit;
-        let index = self.add(made.0, made.1);
+        material.unlit |= !is_lit;
+        let known = self.by_source.range((source, false, [None; 2])..).next();
+        let is_first = known.is_none_or(|((of, ..), _)| *of != source);
+        let index = match source.filter(|_| is_first) {
+            Some(own) => {
+                self.materials[own as usize] = material;
+                self.needs[own as usize] = needs;
+                own
+            }
+            None => self.add(material, needs),
+        };
         self.by_source.insert((source, is_lit, uv_sets), index);
-        Ok((Some(index), made.1))
+        Ok((Some(index), needs))
     }
 
     /// The scene's materials of each of the file, rising, with copies that variants replace.

@@ -2,7 +2,9 @@
 
 use glam::{Quat, Vec3};
 use polyptych_protocol::state_log::SceneRef;
-use polyptych_scene::{Clip, Edit, Instance, Mesh, NewNode, Node, Topology};
+use polyptych_scene::{
+    AnimatedProperty, Clip, Edit, Instance, Mesh, NewNode, Node, PropertyKind, Topology,
+};
 use serde_json::{Value, json};
 
 use super::*;
@@ -127,6 +129,8 @@ fn what_moves_is_told_and_points_are_no_triangles_of_the_same_bytes() {
             let mesh = Mesh { name: "m".into(), primitives: vec![solid, points] };
             let mut scene = scene(vec![mesh], vec![Node { mesh: Some(0), ..Node::default() }]);
             scene.animations.clips.push(Clip { name: "wave".into(), channels: Vec::new() });
+            let (kind, targets, rest) = (PropertyKind::Visible, vec![0], vec![0.0]);
+            scene.animations.properties.push(AnimatedProperty { kind, targets, rest });
             scene
         },
         [],
@@ -135,6 +139,8 @@ fn what_moves_is_told_and_points_are_no_triangles_of_the_same_bytes() {
     assert_eq!(about.notes, ["animations are not in the file: 1 clip"]);
     let modes = [0, 1].map(|at| stored.json()["meshes"][0]["primitives"][at]["mode"].clone());
     assert_eq!(modes, [4, 0]);
+    let hidden = json!({ "KHR_node_visibility": { "visible": false } });
+    assert_eq!(stored.json()["nodes"][0]["extensions"], hidden, "as without the clip");
 }
 
 #[test]

@@ -176,7 +176,10 @@ fn joints_are_added_up_below_the_top_near_where_they_are() {
         weights_of: None,
     });
     let base = Arc::new(base);
-    for edits in [SceneEdits::default(), edited([moved(0, 1e7)])] {
+    // The node that draws the mesh moves from where it was put, too.
+    let put = [(None, 0.0), (Some(moved(0, 1e7)), 0.0), (Some(moved(4, 5.0)), 5.0)];
+    for (edit, put) in put {
+        let edits = edited(edit);
         let motion = motion(&base, &edits);
         let moment = motion.at(&[ClipTime { clip: 0, time_s: 0.5, weight: 1.0 }]);
         let mesh = moment.places.iter().find(|(index, ..)| *index == 4).expect("it is drawn").2;
@@ -187,7 +190,7 @@ fn joints_are_added_up_below_the_top_near_where_they_are() {
             let bound = joint.transform_point3(DVec3::new(x, 0.0, 0.0));
             assert!(bound.length() < 4.0, "a small number, wherever the body stands: {bound}");
             let world = mesh.transform_point3(bound);
-            assert_eq!(world, DVec3::new(body + x, 0.5, 0.0));
+            assert_eq!(world, DVec3::new(body + put + x, 0.5, 0.0));
         }
     }
     // The edited joint moves what follows it, without any clip.

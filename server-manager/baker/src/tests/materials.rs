@@ -30,6 +30,29 @@ fn specular(scene: &Scene) -> Option<Specular> {
 }
 
 #[test]
+fn materials_keep_the_numbers_of_the_file_whichever_is_used_first() {
+    let red = |red: f32| json!({ "pbrMetallicRoughness": { "baseColorFactor": [red, 0, 0, 1] } });
+    let mut builder = Builder::quad();
+    builder.json["materials"] = json!([red(0.125), red(0.25), red(0.5), red(0.75)]);
+    let quad = builder.json["meshes"][0]["primitives"][0].clone();
+    let mut lines = quad.clone();
+    lines["mode"] = json!(1);
+    lines["attributes"].as_object_mut().expect("attributes").remove("NORMAL");
+    let mut parts = [quad.clone(), quad.clone(), lines, quad];
+    for (part, material) in parts.iter_mut().zip([3, 1, 1, 0]) {
+        part["material"] = json!(material);
+    }
+    builder.json["meshes"][0]["primitives"] = json!(parts);
+    let (_place, _, scene) = bake_builder(&builder);
+    let numbers: Vec<_> = scene.meshes[0].primitives.iter().map(|of| of.material).collect();
+    assert_eq!(numbers, [Some(3), Some(1), Some(4), Some(0)]);
+    let looks: Vec<_> = scene.materials.iter().map(|of| (of.base_color.x, of.unlit)).collect();
+    let unused = (1.0f32, false);
+    let lit = [(0.125, false), (0.25, false), unused, (0.75, false)];
+    assert_eq!(looks, [&lit[..], &[(0.25, true)]].concat(), "the unlit copy is behind all");
+}
+
+#[test]
 fn index_of_refraction_and_specular_are_read_and_brought_to_their_range() {
     for (extensions, wanted) in [
         (json!({}), None),
