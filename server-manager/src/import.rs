@@ -230,7 +230,10 @@ async fn bake(
     if std::os::unix::process::ExitStatusExt::signal(&status).is_some() {
         // An allocation that fails aborts: the limit did its work.
         let (file, mib) = (file.display(), baker.memory_mib);
-        return Err(format!("{file}: the baker ended ({status}); it may use {mib} MiB of memory"));
+        return Err(format!(
+            "{file}: the baker ended ({status}); it may use {mib} MiB of memory: start the manager \
+             with --bake-memory-mib N to allow more"
+        ));
     }
     if !status.success() {
         let reason = err.lines().rev().find(|line| !line.trim().is_empty());

@@ -1,6 +1,6 @@
 //! Borders that meshes share: where tiles of a ground meet, levels of detail must not part them.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use glam::{DAffine3, DVec3, Vec3};
 use polyptych_scene::{Node, Topology};
@@ -10,19 +10,19 @@ use super::error::BakeError;
 use super::mesh_use::Meshes;
 use super::{BakeJob, document, topology};
 
-/// Positions that are nearer than this share of the whole scene's diagonal are one: f32 rounds
-/// them by less, tiles of 16-bit numbers by a tenth of it if there are ten along the diagonal.
-const NEAR: f64 = 1e-5;
+/// Positions of two borders that are nearer than this share of the smaller one's diagonal are one:
+/// tiles of 16-bit numbers round them by less, and so does f32 up to some hundred diagonals from
+/// the origin.
+const NEAR: f64 = 1e-4;
 
-/// The positions at the ends of meshes that are drawn once, in world space.
+/// Sides of cells are powers of this number, so that few grids are needed: one for each side.
+const SIDE_BASE: f64 = 4.0;
+
+/// The positions at the ends of meshes that are drawn once, where other such meshes end too.
 #[derive(Debug, Default)]
 pub(super) struct SharedBorders {
-    /// World space from that of each mesh.
-    world_from_mesh: BTreeMap<u32, DAffine3>,
-    /// The side of a cell.
-    side: f64,
-    /// The mesh with a border in each cell; `None` for several.
-    mesh_at: HashMap<[i64; 3], Option<u32>>,
+    /// The keys of positions in the space of each mesh.
+    shared: BTreeMap<u32, HashSet<[u32; 3]>>,
 }
 
 impl SharedBorders {
@@ -43,48 +43,96 @@ impl SharedBorders {
                 world_from_mesh.insert(mesh, is_first.then_some(*world));
             }
         }
-        let world_from_mesh: BTreeMap<u32, DAffine3> =
-            world_from_mesh.into_iter().filter_map(|(mesh, world)| Some((mesh, world?))).collect();
         let mut borders = Vec::new();
-        for (mesh, world) in &world_from_mesh {
+        for (mesh, world) in world_from_mesh {
             job.check()?;
-            let json = uses.uses.get(*mesh as usize).filter(|used| used.pose.is_none());
+            let Some(world) = world else { continue };
+            let json = uses.uses.get(mesh as usize).filter(|used| used.pose.is_none());
             let json = json.and_then(|used| job.source.document.meshes.get(used.mesh as usize));
             let points = json.map(|json| border(job, json)).unwrap_or_default();
-            borders.extend(points.into_iter().map(|at| (world.transform_point3(at), *mesh)));
+            borders.extend(Border::new(mesh, world, points));
         }
-        borders.retain(|(position, _)| position.is_finite());
-        let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        let corners = |(low, high): (DVec3, DVec3), at: DVec3| (low.min(at), high.max(at));
-        let (low, high) = borders.iter().fold(empty, |all, (position, _)| corners(all, *position));
-        let side = low.distance(high) * NEAR;
-        let mut found = Self { world_from_mesh, side, mesh_at: HashMap::new() };
-        if side > 0.0 {
-            for (position, mesh) in &borders {
-                let known = found.mesh_at.entry(found.cell(*position)).or_insert(Some(*mesh));
-                *known = known.filter(|known| known == mesh);
-            }
+        let mut sides: Vec<f64> = borders.iter().map(|of| of.side).collect();
+        sides.sort_by(f64::total_cmp);
+        sides.dedup();
+        let mut found = Self::default();
+        for side in sides {
+            job.check()?;
+            found.add(&borders, side);
         }
-        let meets = |(position, mesh): (DVec3, u32)| found.meets(mesh, position).then_some(mesh);
-        let meeting: BTreeSet<u32> = borders.into_iter().filter_map(meets).collect();
-        found.world_from_mesh.retain(|mesh, _| meeting.contains(mesh));
         Ok(found)
     }
 
-    fn cell(&self, at: DVec3) -> [i64; 3] {
-        (at / self.side).floor().to_array().map(|number| number as i64)
+    /// Adds the positions that borders with cells of at least this side share in cells of this
+    /// side: where two borders meet, the side of the smaller one decides.
+    fn add(&mut self, borders: &[Border], side: f64) {
+        let borders = || borders.iter().filter(move |of| of.side >= side);
+        let mut grid = BorderGrid { side, mesh_at: HashMap::new() };
+        for Border { mesh, points, .. } in borders() {
+            for (_, at) in points {
+                grid.add(*mesh, *at);
+            }
+        }
+        for Border { mesh, points, .. } in borders() {
+            let meeting = points.iter().filter(|(_, at)| grid.meets(*mesh, *at));
+            let mut keys = meeting.map(|(position, _)| key(*position)).peekable();
+            if keys.peek().is_some() {
+                self.shared.entry(*mesh).or_default().extend(keys);
+            }
+        }
     }
 
     /// Returns whether other meshes end at positions where a mesh ends.
     pub fn has_shared(&self, mesh: u32) -> bool {
-        self.world_from_mesh.contains_key(&mesh)
+        self.shared.contains_key(&mesh)
     }
 
-    /// Returns whether other meshes end at a position of this one.
+    /// Returns whether this mesh ends at a position of it, and another one does too.
     pub fn is_shared(&self, mesh: u32, position: [f32; 3]) -> bool {
-        let world = self.world_from_mesh.get(&mesh);
-        let at = world.map(|world| world.transform_point3(Vec3::from(position).as_dvec3()));
-        at.is_some_and(|at| self.meets(mesh, at))
+        self.shared.get(&mesh).is_some_and(|of| of.contains(&key(position)))
+    }
+}
+
+/// The border of a mesh that is drawn once.
+struct Border {
+    mesh: u32,
+    /// Its positions in the space of the mesh, and in the world.
+    points: Vec<([f32; 3], DVec3)>,
+    /// The side of the cells in which positions are looked for.
+    side: f64,
+}
+
+impl Border {
+    /// Returns the border with these positions; `None` if it has no size.
+    fn new(mesh: u32, world: DAffine3, points: Vec<[f32; 3]>) -> Option<Self> {
+        let in_world = |at: [f32; 3]| (at, world.transform_point3(Vec3::from(at).as_dvec3()));
+        let points: Vec<_> =
+            points.into_iter().map(in_world).filter(|(_, at)| at.is_finite()).collect();
+        let empty = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let (low, high) =
+            points.iter().fold(empty, |(low, high), (_, at)| (low.min(*at), high.max(*at)));
+        let near = low.distance(high) * NEAR;
+        let side = SIDE_BASE.powi(near.log(SIDE_BASE).ceil() as i32);
+        side.is_normal().then_some(Self { mesh, points, side })
+    }
+}
+
+/// The borders in each cell of space.
+struct BorderGrid {
+    /// The side of a cell.
+    side: f64,
+    /// The mesh with a border in each cell; `None` for several.
+    mesh_at: HashMap<[i64; 3], Option<u32>>,
+}
+
+impl BorderGrid {
+    fn cell(&self, at: DVec3) -> [i64; 3] {
+        (at / self.side).floor().to_array().map(|number| number as i64)
+    }
+
+    fn add(&mut self, mesh: u32, at: DVec3) {
+        let known = self.mesh_at.entry(self.cell(at)).or_insert(Some(mesh));
+        *known = known.filter(|known| *known == mesh);
     }
 
     /// Returns whether another mesh ends at a position in world space.
@@ -98,9 +146,14 @@ impl SharedBorders {
     }
 }
 
+/// The bits of a position. Adding zero makes -0 and 0 one.
+fn key(position: [f32; 3]) -> [u32; 3] {
+    position.map(|number| (number + 0.0).to_bits())
+}
+
 /// Returns the positions at the ends of a mesh's surface: of edges with one triangle. What cannot
 /// be read has none; who reads the mesh itself says why.
-fn border(job: &BakeJob<'_>, mesh: &document::Mesh) -> Vec<DVec3> {
+fn border(job: &BakeJob<'_>, mesh: &document::Mesh) -> Vec<[f32; 3]> {
     let mut numbers: HashMap<[u32; 3], u32> = HashMap::new();
     let mut points = Vec::new();
     let mut corners: Vec<u32> = Vec::new();
@@ -108,12 +161,10 @@ fn border(job: &BakeJob<'_>, mesh: &document::Mesh) -> Vec<DVec3> {
         let Some((positions, indices)) = triangles(job, json) else { continue };
         for index in indices {
             let Some(position) = positions.get(index as usize) else { continue };
-            // Adding zero makes -0 and 0 one.
-            let key = position.map(|number| (number + 0.0).to_bits());
             let next = points.len() as u32;
-            let number = *numbers.entry(key).or_insert(next);
+            let number = *numbers.entry(key(*position)).or_insert(next);
             if number == next {
-                points.push(Vec3::from(*position).as_dvec3());
+                points.push(*position);
             }
             corners.push(number);
         }

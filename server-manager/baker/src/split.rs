@@ -1,10 +1,11 @@
 //! Large primitives in pieces, so that a channel draws only what it may see of them, and lights
-//! reach only the pieces that are near them.
+//! reach only the pieces that are near them; and so that each piece can be stored.
 //!
 //! Pieces come from median splits of the elements' centroids along the longest axis. Every
 //! primitive that is too large *as its nodes scale it* is split, wherever it stands: the wall's
 //! camera may go anywhere. Accuracy does not ask for it: the vertices stay as they are, and the
-//! renderer measures them from the point of the mesh that is nearest to the eye.
+//! renderer measures them from the point of the mesh that is nearest to the eye. Levels of detail
+//! do not part pieces: all those of a mesh are simplified together.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -24,6 +25,10 @@ pub(super) const PIECE_ELEMENTS_MIN: usize = 1000;
 
 /// Longest half side of a piece of few elements: something this large is seldom near the eye.
 pub(super) const HALF_EXTENT_COARSE: f64 = 25.0 * HALF_EXTENT_MAX;
+
+/// Maximum number of elements of a piece, whatever its size: with all levels and three vertices of
+/// its own for each, a triangle takes up to some 400 bytes, and a blob has at most 2 GiB.
+const PIECE_ELEMENTS_MAX: usize = 4 << 20;
 
 /// Most pieces of one primitive: each is a draw call.
 pub(super) const PIECES_MAX: usize = 4096;
@@ -86,7 +91,9 @@ impl SplitInput<'_> {
         let half_extent = half_size.max_element();
         let is_fine = half_extent <= HALF_EXTENT_MAX;
         let is_few = elements.len() < 2 * PIECE_ELEMENTS_MIN && half_extent <= HALF_EXTENT_COARSE;
-        if is_fine || is_few || elements.len() < 2 || !half_extent.is_finite() {
+        let may_stay = is_fine || is_few || elements.len() < 2 || !half_extent.is_finite();
+        let is_too_many = elements.len() > PIECE_ELEMENTS_MAX;
+        if may_stay && !is_too_many {
             return None;
         }
         let centroids = elements.iter().map(|&element| self.centroid(element));
@@ -97,7 +104,7 @@ impl SplitInput<'_> {
         });
         let (low, high) = elements.split_at(middle);
         let least = self.half_size(low)[axis].min(self.half_size(high)[axis]);
-        (least <= half_size[axis] * SHRINK).then_some(middle)
+        (is_too_many || least <= half_size[axis] * SHRINK).then_some(middle)
     }
 
     fn corners(&self, element: u32) -> impl Iterator<Item = DVec3> + '_ {
@@ -127,4 +134,22 @@ fn longest_axis(points: impl Iterator<Item = DVec3>) -> usize {
     let (min, max) = around(points);
     let size = max - min;
     (0..3).max_by(|&a, &b| size[a].total_cmp(&size[b])).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_piece_has_no_more_elements_than_can_be_stored() {
+        let pieces_of = |count: usize| {
+            let cancel = AtomicBool::new(false);
+            // All in one place, where no size asks for a split and none makes a half smaller.
+            let pieces = split(&[[0.0; 3]], &vec![0; count], 1, 1.0, &cancel).expect("split");
+            pieces.ranges.iter().map(ExactSizeIterator::len).collect::<Vec<_>>()
+        };
+        let half = PIECE_ELEMENTS_MAX / 2;
+        assert_eq!(pieces_of(PIECE_ELEMENTS_MAX), [PIECE_ELEMENTS_MAX]);
+        assert_eq!(pieces_of(PIECE_ELEMENTS_MAX + 2), [half + 1, half + 1]);
+    }
 }

@@ -37,7 +37,7 @@ fn a_client_is_told_of_a_baker_that_dies_and_the_wall_goes_on() {
     });
     signals::send(baker, Signal::KILL);
     let error = opened.join().expect("no panic").expect_err("it was killed").to_string();
-    for part in ["town.glb", "the baker ended", "SIGKILL", "MiB of memory"] {
+    for part in ["town.glb", "the baker ended", "SIGKILL", "MiB of memory", "--bake-memory-mib"] {
         assert!(error.contains(part), "{part:?} is not in {error:?}");
     }
     let after = feedbacks.find(|f| f.frame.0 > before.frame.0 + 10).expect("the wall goes on");

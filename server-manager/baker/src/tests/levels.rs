@@ -231,9 +231,28 @@ fn tiles() -> Builder {
     builder
 }
 
+/// The tiles, far from the origin and from another ground.
+fn far_tiles() -> Builder {
+    let mut builder = tiles();
+    builder.mesh(&builder.json["meshes"][0]["primitives"][0].clone());
+    for (number, x) in [6_400_000, 6_400_020].into_iter().enumerate() {
+        builder.json["nodes"][number]["translation"] = json!([x, 0, 0]);
+    }
+    builder
+}
+
 #[test]
 fn tiles_of_a_ground_meet_at_every_level() {
-    let (place, _, scene) = bake_builder(&tiles());
+    check_tiles(&tiles());
+}
+
+#[test]
+fn tiles_far_from_another_ground_keep_only_the_border_where_they_meet() {
+    check_tiles(&far_tiles());
+}
+
+fn check_tiles(tiles: &Builder) {
+    let (place, _, scene) = bake_builder(tiles);
     let [one, two] = [0, 1].map(|at| BlobLevels::read(&place, &scene.meshes[at].primitives[0]));
     let border = |triangles: &[[DVec3; 3]], x: f64| -> BTreeSet<[u64; 2]> {
         let points = triangles.iter().flatten().filter(|point| point.x == x);
