@@ -27,7 +27,7 @@ fn lines() -> String {
 fn wall_of_machines(place: &TestDir) {
     wall_with(place, 2, &lines());
     let text = fs::read_to_string(place.path("wall.toml")).expect("a file");
-    place.write("wall.toml", text.replace("127.0.0.1:", "0.0.0.0:"));
+    place.write("wall.toml", text.replace("127.0.0.2:", "0.0.0.0:"));
 }
 
 fn names(folder: &Path) -> BTreeSet<String> {
@@ -132,7 +132,7 @@ fn a_batch_job_runs_a_wall_and_gives_up_on_what_fails_at_once() {
     });
     job.signal(Signal::TERM);
     job.finish(wait::SOON);
-    place.run(["status", "--manager", &address]).failed(&["127.0.0.1"]);
+    place.run(["status", "--manager", &address]).failed(&["127.0.0.2"]);
     // Two nodes need keys, or leave to go without them.
     let mut two = batch(&place, "n1,n2", "job/polyptych-small.sh");
     let refused = two.finish(wait::SOON);

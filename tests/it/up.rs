@@ -12,7 +12,7 @@ use polyptych_client::{ChannelState, ConnectOptions};
 use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::harness::local_wall::{patient, tiled};
+use crate::harness::local_wall::{ANY_PORT, patient, tiled};
 use crate::harness::place::TestDir;
 use crate::harness::process::Process;
 use crate::harness::{signals, wait};
@@ -29,7 +29,7 @@ exec sh -c "$2"
 
 /// A port that is free now: a wall file names one, as servers must be told of it.
 pub fn free_port() -> u16 {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let listener = TcpListener::bind(ANY_PORT).expect("a port");
     listener.local_addr().expect("an address").port()
 }
 
@@ -43,7 +43,7 @@ pub fn script(place: &TestDir, name: &str, text: &str) -> PathBuf {
 pub fn wall_with(place: &TestDir, columns: u32, lines: &str) -> String {
     let mut wall = patient(tiled([columns, 1], [columns * 96, 54]));
     wall.heartbeat_ms = 2_000;
-    wall.listen = format!("127.0.0.1:{}", free_port());
+    wall.listen = format!("127.0.0.2:{}", free_port());
     let text = polyptych_wall_file::to_toml(&wall);
     place.write("wall.toml", format!("{text}\n{lines}"));
     wall.listen
@@ -177,7 +177,7 @@ fn start_sshd(place: &TestDir) -> (Process, String) {
     let config = place.write(
         "sshd_config",
         format!(
-            "Port {port}\nListenAddress 127.0.0.1\nHostKey {folder}/host\n\
+            "Port {port}\nListenAddress 127.0.0.2\nHostKey {folder}/host\n\
              AuthorizedKeysFile {folder}/authorized\nStrictModes no\nUsePAM no\n\
              PidFile none\nAcceptEnv *\n"
         ),
@@ -190,7 +190,7 @@ fn start_sshd(place: &TestDir) -> (Process, String) {
     let mut command = Command::new(sshd.expect("the build has found it"));
     command.args([Path::new("-D"), Path::new("-e"), Path::new("-f"), &config]);
     let mut process = Process::start("sshd", &mut command);
-    process.await_line(&["Server listening on 127.0.0.1"]);
+    process.await_line(&["Server listening on 127.0.0.2"]);
     let ssh = format!(
         "[\"ssh\", \"-F\", \"none\", \"-p\", \"{port}\", \"-i\", \"{folder}/user\", \"-o\", \
          \"StrictHostKeyChecking=no\", \"-o\", \"UserKnownHostsFile=/dev/null\", \"-o\", \
@@ -215,7 +215,7 @@ fn sshd_starts_ends_and_brings_back_servers() {
         .collect();
     let lines = format!(
         "[launch]\nssh = {ssh}\nprogram = {:?}\nenvironment = {{ {} }}\n\
-         [server.front-1-1]\nhost = \"127.0.0.1\"\n[server.front-2-1]\nhost = \"127.0.0.1\"\n",
+         [server.front-1-1]\nhost = \"127.0.0.2\"\n[server.front-2-1]\nhost = \"127.0.0.2\"\n",
         program(),
         environment.trim_end_matches(", ")
     );

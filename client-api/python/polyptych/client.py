@@ -335,13 +335,16 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         """A call that asks over another connection for the status, while its answer is awaited, and
         whose time limit begins anew while the status says that it goes on."""
 
+        epoch = self._epoch
+
         def ask() -> bool:
             call = Call("read the status", "GET", "/status", self._options.timeouts.other)
             try:
                 status = decode(WallStatus, json.loads(self._exchange(call).body))
             except (ClientError, Mismatch, ValueError):
                 return False
-            return is_going_on(status)
+            # Another life of the manager knows nothing of the call.
+            return self._epoch == epoch and is_going_on(status)
 
         period_s = min(5.0, timeout_s / 4.0)
         return Call("", "", "", timeout_s, is_going_on=ask, period_s=period_s)

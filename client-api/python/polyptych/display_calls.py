@@ -87,6 +87,14 @@ class DisplayCalls(Requests):
         asked = {"camera": camera, "time_s": time_s}
         return self._ask({"RenderFrame": asked}, "Frame", FrameFeedback)
 
+    def redraw(self, camera: Optional[Camera] = None) -> FrameFeedback:
+        """Draws a frame like :meth:`render_frame`, but on a paused wall with the scene time of the
+        frame before, so that nothing else moves.
+
+        :param camera: placed first, if given.
+        """
+        return self._ask({"Redraw": camera}, "Frame", FrameFeedback)
+
     def start_rendering(self, rate_fps: Optional[float] = None) -> None:
         """Lets the wall draw by itself, until :meth:`pause`.
 

@@ -22,6 +22,7 @@ _NAMES: Dict[str, str] = {
     "SetViews": "set the views",
     "SetExposure": "set the exposure",
     "RenderFrame": "render a frame",
+    "Redraw": "render a frame",
     "Run": "run",
     "Pause": "pause",
     "Capture": "capture the wall",

@@ -102,6 +102,7 @@ class Connection(http.client.HTTPConnection):
                 connected.settimeout(self.timeout)
                 connected.connect(address)
                 connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                _keep_alive(connected)
                 if self._context is not None:
                     name = credentials.MANAGER_NAME
                     connected = self._context.wrap_socket(connected, server_hostname=name)
@@ -422,6 +423,15 @@ def _product(name: str) -> str:
 def _text(header: str) -> str:
     """The text of a header, which http.client takes for Latin-1."""
     return header.encode("latin-1", "replace").decode("utf-8", "replace")
+
+
+def _keep_alive(connected: socket.socket) -> None:
+    """Lets the system ask a silent peer whether it is there: one that is gone without a word is
+    noticed in half a minute, however long an answer may take."""
+    connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in (("TCP_KEEPIDLE", 15), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3)):
+        if hasattr(socket, name):
+            connected.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
 def _limit(connection: Connection, timeout_s: float) -> None:

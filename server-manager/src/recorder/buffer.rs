@@ -11,7 +11,7 @@ const PIECE_BYTES: usize = 64 << 10;
 
 /// Most that waits for a slow disk: ten seconds of 64 channels at 60 frames per second. Beyond it
 /// inputs are left out, and a new segment begins once there is room again. The state with which a
-/// segment begins may be larger.
+/// segment begins takes no part of it, and neither does an input that is larger by itself.
 const BUFFER_BYTES_MAX: usize = 8 << 20;
 
 /// Room that is left for what one input brings, before a segment counts as full.
@@ -36,9 +36,8 @@ pub(super) struct Buffer {
 struct State {
     pieces: VecDeque<RecordBatch>,
     bytes: usize,
-    /// Of these the bytes of the state with which the segment begins, which may be larger than the
-    /// room for what follows it.
-    beginning_bytes: usize,
+    /// Of these the bytes of states and of other large records, which take no room from others.
+    large_bytes: usize,
     segment: u64,
     /// Bytes of the present segment, heads included.
     segment_bytes: u64,
@@ -57,7 +56,7 @@ impl Buffer {
         let state = State {
             pieces: VecDeque::new(),
             bytes: 0,
-            beginning_bytes: 0,
+            large_bytes: 0,
             segment: next_segment.wrapping_sub(1),
             segment_bytes: 0,
             has_lost: false,
@@ -112,9 +111,10 @@ impl Buffer {
             ));
             return;
         }
-        let others = state.bytes - state.beginning_bytes;
-        // One that is larger than the buffer has it for itself.
-        let is_slow = !is_state && others > 0 && others + bytes > BUFFER_BYTES_MAX;
+        let others = state.bytes - state.large_bytes;
+        // One that is larger than the buffer takes no part of it.
+        let is_large = is_state || bytes > BUFFER_BYTES_MAX;
+        let is_slow = !is_large && others + bytes > BUFFER_BYTES_MAX;
         if is_slow || segment_bytes > self.segment_bytes_max {
             let reason = if is_slow { "the disk is too slow" } else { "a part is full" };
             tracing::warn!(reason, bytes, "the recording has a gap here");
@@ -122,7 +122,7 @@ impl Buffer {
             return;
         }
         state.bytes += bytes;
-        state.beginning_bytes += if is_state { bytes } else { 0 };
+        state.large_bytes += if is_large { bytes } else { 0 };
         state.segment_bytes += bytes as u64;
         let segment = state.segment;
         let fits =
@@ -135,7 +135,7 @@ impl Buffer {
             state.segment_bytes += PIECE_HEAD_BYTES as u64;
             state.pieces.push_back(RecordBatch { segment, body });
             // A whole piece waits.
-            if state.pieces.len() > 1 {
+            if state.pieces.len() > 1 || is_large {
                 self.filled.notify_one();
             }
         }
@@ -143,13 +143,15 @@ impl Buffer {
 
     /// Waits for a whole piece or the period, and takes what is there; `None` at the end.
     pub fn take(&self, period: Duration) -> Option<VecDeque<RecordBatch>> {
-        let is_idle = |state: &mut State| state.pieces.len() < 2 && !state.is_closed;
+        let is_idle = |state: &mut State| {
+            state.pieces.len() < 2 && state.large_bytes == 0 && !state.is_closed
+        };
         let waited = self.filled.wait_timeout_while(self.lock(), period, is_idle);
         let (mut state, _) = waited.unwrap_or_else(PoisonError::into_inner);
         if state.is_closed && state.pieces.is_empty() {
             return None;
         }
-        (state.bytes, state.beginning_bytes) = (0, 0);
+        (state.bytes, state.large_bytes) = (0, 0);
         Some(std::mem::take(&mut state.pieces))
     }
 
@@ -215,6 +217,13 @@ mod tests {
         let pieces = buffer.take(Duration::ZERO).expect("pieces");
         let bytes: usize = pieces.iter().map(|piece| piece.body.len()).sum();
         assert_eq!(BUFFER_BYTES_MAX + 2, bytes);
+
+        // So may an input, behind others and before others.
+        for bytes in [1, BUFFER_BYTES_MAX + 1, 1] {
+            buffer.append(|record| record.resize(bytes, 1));
+        }
+        assert_eq!(buffer.wants_segment(), None, "nothing is lost");
+        assert_eq!(buffer.take(Duration::ZERO).expect("pieces").len(), 3);
 
         buffer.begin_segment();
         buffer.append(|bytes| bytes.resize(32 << 20, 1));

@@ -53,7 +53,9 @@ async function move(change) {
   while (moves.length) {
     const shown = await presentation();
     const asked = moves.splice(0);
-    if (shown) await act("POST", "/api/v1/frame", { camera: asked.reduce(moved, shown.camera) });
+    if (!shown) continue;
+    const frame = { camera: asked.reduce(moved, shown.camera), keeps_time: true };
+    await act("POST", "/api/v1/frame", frame);
   }
   isSending = false;
 }

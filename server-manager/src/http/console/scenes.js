@@ -22,10 +22,11 @@ async function preview() {
 
 async function listFiles() {
   const list = await read("/api/v1/scene/files");
-  const files = list?.files ?? [];
+  if (!list) return;
+  const files = list.files;
   const size = new Map(files.map((file) => [file.path, `${(file.bytes / 1e6).toFixed(1)} MB`]));
   fill("files", files.map((file) => file.path), (path) => `${path} (${size.get(path)})`);
-  byId("files-cut").hidden = !list?.is_cut;
+  byId("files-cut").hidden = !list.is_cut;
   preview();
 }
 
