@@ -293,13 +293,12 @@ fn leave_out_small(scene: &GpuScene, tolerance: &ErrorTolerance, visible: &mut V
         if scene.layout.batches[item.batch as usize].triangles == 0 {
             return None;
         }
-        let reach = f64::from(scene.layout.reaches[index as usize]);
-        let own = (bounds.center(), bounds.half().length().max(reach));
+        let own = (bounds.center(), bounds.half().length());
         let share = tolerance.share_if_small(own)?;
         if stance.billboard.is_some() {
             return Some(share);
         }
-        tolerance.share_if_small(sphere_of_mesh(scene, item, stance)).map(|of| of.max(share))
+        tolerance.share_if_small(sphere_of_mesh(scene, item, stance))
     };
     let shares = many_items::find(visible, |item| Some(share_of(item)));
     let mut of_each = shares.iter();

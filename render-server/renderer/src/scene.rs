@@ -5,7 +5,6 @@ mod billboard;
 mod builder;
 mod bvh;
 mod content_place;
-mod crowd;
 mod draw_item;
 mod geometry;
 mod geometry_room;

@@ -1,7 +1,5 @@
 //! A static tree of boxes over the items, so that culling does not look at each of them.
 
-use std::ops::ControlFlow;
-
 use glam::DVec3;
 
 use super::draw_item::Bounds;
@@ -82,19 +80,6 @@ impl Bvh {
     /// Appends the items whose box meets this one, in no particular order. Never leaves one out
     /// that does.
     pub fn meeting(&self, bounds: &Bounds, found: &mut Vec<u32>) {
-        self.find_meeting::<()>(bounds, |item| {
-            found.push(item);
-            ControlFlow::Continue(())
-        });
-    }
-
-    /// Looks at the items whose box meets this one, in no particular order, until one of them ends
-    /// that; returns what it ends with.
-    pub fn find_meeting<T>(
-        &self,
-        bounds: &Bounds,
-        mut look: impl FnMut(u32) -> ControlFlow<T>,
-    ) -> Option<T> {
         let (center, half) = (bounds.center(), bounds.half());
         let meets = |of: DVec3, half_of: DVec3| {
             // Middles and halves were rounded.
@@ -108,18 +93,13 @@ impl Bvh {
                 continue;
             }
             if node.right == 0 {
-                for at in node.first as usize..(node.first + node.count) as usize {
-                    if meets(self.boxes[at].0, self.boxes[at].1)
-                        && let ControlFlow::Break(found) = look(self.order[at])
-                    {
-                        return Some(found);
-                    }
-                }
+                let range = node.first as usize..(node.first + node.count) as usize;
+                let met = range.filter(|&at| meets(self.boxes[at].0, self.boxes[at].1));
+                found.extend(met.map(|at| self.order[at]));
             } else {
                 open.extend([node.right, index + 1]);
             }
         }
-        None
     }
 }
 

@@ -20,13 +20,12 @@ use super::draw_item::{self, Bounds, DrawItem, PrimitiveInstance, Stance};
 use super::items_by_batch::ItemsByBatch;
 use super::light::{GROUND, Lights};
 use super::material::StyledMaterial;
-use super::moving_items::turning_items;
 use super::outline::Outline;
 use super::slots::{
     GeometryName, Slots, TextureName, first_primitives, geometry_name, geometry_names, texture_name,
 };
 use super::subset::{SceneTree, layer_bit};
-use super::{Batch, SceneError, crowd, material, outline};
+use super::{Batch, SceneError, material, outline};
 use crate::pipeline::{Alpha, Cull, PipelineKey};
 
 /// Draws that are placed between two looks at whether to stop: a millisecond.
@@ -50,8 +49,6 @@ pub struct SceneLayout {
     pub(crate) stances: Vec<Stance>,
     /// In the order of the items.
     pub(crate) bounds: Vec<Bounds>,
-    /// In the order of the items: see [`crowd::reaches`].
-    pub(crate) reaches: Vec<f32>,
     /// One for each described primitive: its mesh, in the primitive's space.
     pub(crate) mesh_boxes: Vec<Bounds>,
     pub(crate) bvh: Bvh,
@@ -140,7 +137,6 @@ impl SceneLayout {
         Ok(Self {
             turning: turning_items(&items, &stances),
             bvh: Bvh::new(&bounds, is_cancelled).ok_or(SceneError::Cancelled)?,
-            reaches: crowd::reaches(&bounds, is_cancelled).ok_or(SceneError::Cancelled)?,
             tree,
             textures: Slots::new(desc.textures.iter().map(texture_name)),
             desc,
@@ -164,6 +160,12 @@ impl SceneLayout {
             twins,
         })
     }
+}
+
+/// Items that turn with a billboard, rising.
+fn turning_items(items: &[DrawItem], stances: &[Stance]) -> Vec<u32> {
+    let is_turning = |item: &DrawItem| stances[item.stance as usize].billboard.is_some();
+    (0..).zip(items).filter(|(_, item)| is_turning(item)).map(|(index, _)| index).collect()
 }
 
 impl SceneLayout {

@@ -347,27 +347,6 @@ fn small_parts_of_a_large_mesh_are_drawn() {
     assert_eq!([parts(1), parts(2), parts(40)], [0, 0, 40]);
 }
 
-#[test]
-fn small_items_beside_each_other_are_drawn() {
-    let row = |step: f64| {
-        let mut stage = SceneFixture::new();
-        let mesh = stage.mesh(&MeshFixture::rectangle(0.5, 0.5), None);
-        for at in 0..40 {
-            let place = DVec3::new(step * (f64::from(at) - 20.0), 0.0, -100.0);
-            stage.node(mesh, DAffine3::from_translation(place));
-        }
-        let view = look(DVec3::ZERO, DVec3::NEG_Z, SIZE);
-        let view =
-            allowing(AllowedError { angle_rad: 0.03, length: 0.0, ..AllowedError::NONE }, &view);
-        let drawn = draw_sampled(&stage.build(), SIZE, 1, &[view]).1;
-        (drawn.visible, drawn.error_share)
-    };
-    // A façade of 20 m of panels, and panels that stand alone: of 0.7 units where 3 are allowed.
-    assert_eq!(row(0.5), (40, 0.0));
-    let (visible, error_share) = row(1.5);
-    assert!(visible == 0 && (0.2..0.3).contains(&error_share), "{visible}, {error_share}");
-}
-
 /// A plan of this height, with the distances that parallel rays show of an error.
 fn plan(eye: DVec3, height: f64, length: f64) -> ViewDesc {
     let aspect = f64::from(SIZE[0]) / f64::from(SIZE[1]);
