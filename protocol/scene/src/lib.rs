@@ -150,6 +150,9 @@ pub struct Node {
     pub light: Option<u32>,
     /// The mesh's copies, in this node's space; if empty, the mesh is drawn once at the node.
     pub instances: Vec<Instance>,
+    /// The radius of all that vanishes if the mesh is left out as small and meshes like it beside
+    /// it are, too, in radii of the mesh: more than 1, or 0 for one that stands alone.
+    pub crowd: f32,
 }
 
 /// One copy of a node's mesh, in the node's space.
@@ -427,14 +430,7 @@ mod tests {
             min: Vec3::ZERO,
             max: Vec3::ONE,
         };
-        let node = Node {
-            name: String::new(),
-            parent: None,
-            local: DAffine3::IDENTITY,
-            mesh: Some(0),
-            light: None,
-            instances: Vec::new(),
-        };
+        let node = Node { mesh: Some(0), ..Node::default() };
         let mesh = Mesh { name: String::new(), primitives: vec![primitive; primitives] };
         Scene { nodes: vec![node; nodes], meshes: vec![mesh], ..Scene::default() }
     }

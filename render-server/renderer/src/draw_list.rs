@@ -298,7 +298,7 @@ fn leave_out_small(scene: &GpuScene, tolerance: &ErrorTolerance, visible: &mut V
         if stance.billboard.is_some() {
             return Some(share);
         }
-        tolerance.share_if_small(sphere_of_mesh(scene, item, stance))
+        tolerance.share_if_small(sphere_of_crowd(scene, item, stance))
     };
     let shares = many_items::find(visible, |item| Some(share_of(item)));
     let mut of_each = shares.iter();
@@ -306,12 +306,12 @@ fn leave_out_small(scene: &GpuScene, tolerance: &ErrorTolerance, visible: &mut V
     shares.into_iter().flatten().fold(0.0, f64::max) as f32
 }
 
-/// A sphere around all parts of an item's mesh in its place: many small parts may make up a surface
-/// that is not small.
-fn sphere_of_mesh(scene: &GpuScene, item: &DrawItem, stance: &Stance) -> (DVec3, f64) {
+/// A sphere around all parts of an item's mesh in its place, and around what is beside it: many
+/// small parts may make up a surface that is not small.
+fn sphere_of_crowd(scene: &GpuScene, item: &DrawItem, stance: &Stance) -> (DVec3, f64) {
     let mesh_box = &scene.layout.mesh_boxes[item.mesh_box as usize];
     let center = item.origin + stance.linear * mesh_box.center();
-    (center, stance.stretch * mesh_box.half().length())
+    (center, stance.stretch * mesh_box.half().length() * f64::from(item.crowd))
 }
 
 /// Opaque: by batch, nearest batch first, and within it the nearest item first. Of many batches,

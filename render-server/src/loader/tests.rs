@@ -83,14 +83,7 @@ impl Stage {
             min: Vec3::ZERO,
             max: Vec3::ONE,
         };
-        let node = Node {
-            name: String::new(),
-            parent: None,
-            local: DAffine3::IDENTITY,
-            mesh: Some(0),
-            light: None,
-            instances: Vec::new(),
-        };
+        let node = Node { mesh: Some(0), ..Node::default() };
         let mesh = Mesh { name: String::new(), primitives: vec![primitive; primitives] };
         let scene = Scene { nodes: vec![node; nodes], meshes: vec![mesh], ..Scene::default() };
         let manifest = self.cache.write(&polyptych_codec::encode(&scene)).expect("written");

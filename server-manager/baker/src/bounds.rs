@@ -79,20 +79,24 @@ pub(super) fn overview(scene: &Scene) -> Result<Overview, BakeError> {
             }
         }
         for copy in &of.instances {
-            let local = DAffine3::from_scale_rotation_translation(
-                copy.scale.as_dvec3(),
-                copy.rotation.as_dquat().normalize(),
-                copy.translation.as_dvec3(),
-            );
-            let bounds = around(world * local, corners_of_all.0, corners_of_all.1);
+            let bounds = around(world * place_of(copy), corners_of_all.0, corners_of_all.1);
             add(DrawnBox { bounds, elements: *elements, node })?;
         }
     }
     Ok(search.overview())
 }
 
+/// The space of a node, from that of one of its copies.
+pub(super) fn place_of(copy: &Instance) -> DAffine3 {
+    DAffine3::from_scale_rotation_translation(
+        copy.scale.as_dvec3(),
+        copy.rotation.as_dquat().normalize(),
+        copy.translation.as_dvec3(),
+    )
+}
+
 /// The box around all parts of a mesh, in its own space, and their elements.
-fn whole(mesh: &Mesh) -> Option<((DVec3, DVec3), u64)> {
+pub(super) fn whole(mesh: &Mesh) -> Option<((DVec3, DVec3), u64)> {
     let parts = mesh.primitives.iter().map(|of| (corners(of), elements(of)));
     parts.reduce(|(a, some), (b, more)| ((a.0.min(b.0), a.1.max(b.1)), some.saturating_add(more)))
 }
@@ -117,7 +121,7 @@ fn union(a: Bounds, b: Bounds) -> Bounds {
 }
 
 /// The box around a box that was transformed.
-fn around(world: DAffine3, min: DVec3, max: DVec3) -> Bounds {
+pub(super) fn around(world: DAffine3, min: DVec3, max: DVec3) -> Bounds {
     let center = world.transform_point3(min + (max - min) * 0.5);
     let half = (max - min) * 0.5;
     let matrix = world.matrix3;

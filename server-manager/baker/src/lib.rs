@@ -23,6 +23,7 @@ mod bounds;
 mod camera;
 mod compressed;
 mod container;
+mod crowd;
 mod deformation;
 mod document;
 pub mod environment;
@@ -368,6 +369,7 @@ impl BakeJob<'_> {
         let textures = texture::write_all(self, &palette.textures)?;
         scene.textures = textures.list;
         scene.materials = palette.materials;
+        crowd::find(self, &mut scene)?;
         placeholder::darken(&mut scene.materials, &textures.placeholders);
         scene.surroundings = image_based_light::write(self)?;
         scene.exposure = exposure::suggest(&scene);

@@ -131,8 +131,7 @@ impl Placed {
                 places.push(place);
             }
         }
-        let (mesh, light, instances) = (Some(used), None, Vec::new());
-        self.nodes.push(Node { name, parent, local, mesh, light, instances });
+        self.nodes.push(Node { name, parent, local, mesh: Some(used), ..Node::default() });
         Ok(())
     }
 }
@@ -263,7 +262,8 @@ fn convert(
         _ => Vec::new(),
     };
     let local = local(node, &place)?;
-    Ok(Node { name: node.name.clone(), parent, local, mesh, light, instances })
+    // Which crowd it is in is found once all nodes are there.
+    Ok(Node { name: node.name.clone(), parent, local, mesh, light, instances, crowd: 0.0 })
 }
 
 fn local(node: &document::Node, place: &str) -> Result<DAffine3, BakeError> {

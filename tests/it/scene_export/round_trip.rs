@@ -310,7 +310,8 @@ fn node(random: &mut Rng, scene: &mut Scene) {
         scale: vector(random),
     };
     let instances = (0..count).map(|_| instance(random)).collect();
-    let made = Node { name: name(random), parent, local: local(random), mesh, light, instances };
+    let (name_of, local) = (name(random), local(random));
+    let made = Node { name: name_of, parent, local, mesh, light, instances, crowd: 0.0 };
     scene.nodes.push(made);
     let attributes: BTreeMap<String, Attribute> = (0..random.usize(0..3))
         .map(|at| {

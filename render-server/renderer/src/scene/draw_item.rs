@@ -153,6 +153,8 @@ pub(crate) struct DrawItem {
     pub mesh_box: u32,
     /// The place of its node in the scene's tree.
     pub place: u32,
+    /// See [`polyptych_scene::Node::crowd`]; 1 at least.
+    pub crowd: f32,
 }
 
 /// An item as the vertex stage takes it: `p` stands at `rows · (p − near) + offset` from the eye.

@@ -20,6 +20,7 @@ use super::draw_item::{self, Bounds, DrawItem, PrimitiveInstance, Stance};
 use super::items_by_batch::ItemsByBatch;
 use super::light::{GROUND, Lights};
 use super::material::StyledMaterial;
+use super::moving_items::turning_items;
 use super::outline::Outline;
 use super::slots::{
     GeometryName, Slots, TextureName, first_primitives, geometry_name, geometry_names, texture_name,
@@ -125,6 +126,7 @@ impl SceneLayout {
                 batch: sorter.batch_of_moving(&desc, look, &placement, traits),
                 mesh_box: primitive as u32,
                 place: places[placement.node],
+                crowd: desc.nodes[placement.node].crowd.max(1.0),
             });
             bounds.push(placement.bounds);
             Ok(())
@@ -160,12 +162,6 @@ impl SceneLayout {
             twins,
         })
     }
-}
-
-/// Items that turn with a billboard, rising.
-fn turning_items(items: &[DrawItem], stances: &[Stance]) -> Vec<u32> {
-    let is_turning = |item: &DrawItem| stances[item.stance as usize].billboard.is_some();
-    (0..).zip(items).filter(|(_, item)| is_turning(item)).map(|(index, _)| index).collect()
 }
 
 impl SceneLayout {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use polyptych_scene::{AlphaMode, ChangedMaterial};
 
 use super::GpuScene;
+use super::draw_item::{DrawItem, Stance};
 use super::items_by_batch::ItemsByBatch;
 use super::layout::SceneLayout;
 use crate::cull::FrustumPlanes;
@@ -51,6 +52,12 @@ impl MovingItems {
         items.sort_unstable();
         items.into()
     }
+}
+
+/// Items that turn with a billboard, rising.
+pub(super) fn turning_items(items: &[DrawItem], stances: &[Stance]) -> Vec<u32> {
+    let is_turning = |item: &DrawItem| stances[item.stance as usize].billboard.is_some();
+    (0..).zip(items).filter(|(_, item)| is_turning(item)).map(|(index, _)| index).collect()
 }
 
 impl SceneLayout {

@@ -347,6 +347,27 @@ fn small_parts_of_a_large_mesh_are_drawn() {
     assert_eq!([parts(1), parts(2), parts(40)], [0, 0, 40]);
 }
 
+#[test]
+fn a_small_item_of_a_large_crowd_is_drawn() {
+    let drawn = |crowd: f32| {
+        let mut stage = SceneFixture::new();
+        let mesh = stage.mesh(&MeshFixture::rectangle(0.5, 0.5), None);
+        stage.node(mesh, DAffine3::from_translation(DVec3::new(0.0, 0.0, -100.0)));
+        stage.desc.nodes[0].crowd = crowd;
+        let view = look(DVec3::ZERO, DVec3::NEG_Z, SIZE);
+        let view =
+            allowing(AllowedError { angle_rad: 0.03, length: 0.0, ..AllowedError::NONE }, &view);
+        let drawn = draw_sampled(&stage.build(), SIZE, 1, &[view]).1;
+        (drawn.visible, drawn.error_share)
+    };
+    // 0.7 units alone, 2.1 and 7 units together, where 3 are allowed.
+    let (visible, alone) = drawn(0.0);
+    assert!(visible == 0 && (0.2..0.3).contains(&alone), "{visible}, {alone}");
+    let (visible, together) = drawn(3.0);
+    assert!(visible == 0 && (2.9..3.1).contains(&(together / alone)), "{visible}, {together}");
+    assert_eq!(drawn(10.0), (1, 0.0));
+}
+
 /// A plan of this height, with the distances that parallel rays show of an error.
 fn plan(eye: DVec3, height: f64, length: f64) -> ViewDesc {
     let aspect = f64::from(SIZE[0]) / f64::from(SIZE[1]);
