@@ -59,7 +59,7 @@ pub(in crate::http) const ROUTES: &[Route] = &[
                   set first where they are given; with `keeps_time` a paused wall stays at the \
                   time of the frame before.",
         query: &[],
-        body: Some(|| json!({ "camera": Camera::IDENTITY, "time_s": 1.5 })),
+        body: Some(|| json!({ "camera": Camera::IDENTITY, "time_s": 1.5, "keeps_time": false })),
         action: Action::Ask(|call| {
             let FrameBody { camera, time_s, keeps_time } = call.parse()?;
             if keeps_time && time_s.is_some() {
