@@ -151,8 +151,8 @@ impl VisibleItems {
     }
 
     /// Removes the items that cast no shadow of a lamp with this reach, in world space: those that
-    /// are beyond it, and those that glow around it, such as its bulb or the glass of its lantern. A
-    /// large one of which a texture says what glows, such as a room, casts shadows.
+    /// are beyond it, and those that glow around it, such as its bulb or the glass of its lantern.
+    /// A large one of which a texture says what glows, such as a room, casts shadows.
     pub fn keep_casting(&mut self, scene: &GpuScene, map: &LampMap) {
         let (lamp, radius) = map.reached();
         let (reach, lantern) = (radius * radius, map.lantern_radius());
