@@ -1,9 +1,11 @@
 //! Peers that flood, or that do not read: they are let go with a reason, the memory that they cost
 //! has a limit, and the wall goes on for the others.
 
+use std::io::Cursor;
 use std::net::SocketAddr;
 use std::path::Path;
 
+use image::{ImageFormat, Rgb, RgbImage};
 use polyptych_client::blocking::Client;
 use polyptych_client::{ChannelState, Pacing};
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
@@ -11,6 +13,7 @@ use polyptych_protocol::handshake_io::{MessageStream, send_hello};
 use polyptych_protocol::ids::RequestId;
 use polyptych_protocol::request::{Request, RequestMessage};
 use polyptych_protocol::token;
+use serde_json::json;
 use tokio::io::AsyncWriteExt;
 use tokio::net::TcpStream;
 
@@ -151,23 +154,29 @@ async fn connect(local: &LocalWall) -> TcpStream {
     frames.into_inner()
 }
 
-/// A scene of one mesh of some 20 MB, more than the system keeps in its socket buffers.
+/// A scene with a texture of some 20 MB, more than the system keeps in its socket buffers.
 pub fn heavy() -> Vec<u8> {
-    const TRIANGLES: usize = 200_000;
-    Gltf::triangle()
-        .with(|gltf| {
-            let corner = |n: usize| [(n % 1000) as f32, (n / 1000) as f32, (n % 7) as f32];
-            let positions = (0..3 * TRIANGLES).flat_map(corner);
-            gltf.bin = positions.flat_map(f32::to_le_bytes).collect();
-            gltf.json["accessors"][0]["count"] = (3 * TRIANGLES).into();
-            gltf.json["bufferViews"][0]["byteLength"] = gltf.bin.len().into();
-            let primitive = &mut gltf.json["meshes"][0]["primitives"][0];
-            primitive.as_object_mut().expect("an object").remove("indices");
-            for list in ["accessors", "bufferViews"] {
-                gltf.json[list].as_array_mut().expect("a list").truncate(1);
-            }
-        })
-        .glb()
+    const SIDE: u32 = 2048;
+    let mut random = fastrand::Rng::with_seed(3);
+    let noise = RgbImage::from_fn(SIDE, SIDE, |_, _| Rgb([random.u8(..); 3]));
+    let mut png = Cursor::new(Vec::new());
+    noise.write_to(&mut png, ImageFormat::Png).expect("encoded");
+    let png = png.into_inner();
+    let mut gltf = Gltf::triangle();
+    let uvs: Vec<u8> = [0.0_f32, 0.0, 1.0, 0.0, 0.0, 1.0].map(f32::to_le_bytes).concat();
+    let uvs = gltf.accessor("VEC2", 5126, 3, &uvs);
+    let view = json!({ "buffer": 0, "byteOffset": gltf.bin.len(), "byteLength": png.len() });
+    gltf.bin.extend(png);
+    let views = gltf.json["bufferViews"].as_array_mut().expect("a list");
+    views.push(view);
+    gltf.json["images"] = json!([{ "bufferView": views.len() - 1, "mimeType": "image/png" }]);
+    gltf.json["textures"] = json!([{ "source": 0 }]);
+    let texture = json!({ "baseColorTexture": { "index": 0 } });
+    gltf.json["materials"] = json!([{ "pbrMetallicRoughness": texture }]);
+    let primitive = &mut gltf.json["meshes"][0]["primitives"][0];
+    primitive["material"] = json!(0);
+    primitive["attributes"]["TEXCOORD_0"] = json!(uvs);
+    gltf.glb()
 }
 
 /// Resident memory of the manager.

@@ -132,13 +132,15 @@ impl Cluster {
             Request::ChangeClips(change) => self.change_clips(&change)?,
             list @ (Request::ListClips | Request::ListVariants) => return self.list(&list),
             Request::Stop => return Ok(self.stop(job)),
-            Request::StopServers => {
-                // Answered by the event loop, which hears the goodbyes of servers.
-                self.outputs.push_back(Effect::StopServers { job });
-                return Ok(None);
-            }
+            Request::StopServers => return Ok(self.stop_servers(job)),
         }
         Ok(Some(Response::Done))
+    }
+
+    /// Ends all servers; the event loop answers, which hears their goodbyes.
+    fn stop_servers(&mut self, job: ClientRequest) -> Option<Response> {
+        self.outputs.push_back(Effect::StopServers { job });
+        None
     }
 
     /// Opens or closes a scene, or all that a session shows.
