@@ -150,8 +150,9 @@ pub struct Node {
     pub light: Option<u32>,
     /// The mesh's copies, in this node's space; if empty, the mesh is drawn once at the node.
     pub instances: Vec<Instance>,
-    /// The radius of all that vanishes if the mesh is left out as small and meshes like it beside
-    /// it are, too, in radii of the mesh: more than 1, or 0 for one that stands alone.
+    /// How far the meshes of about its size that touch it in the file, and touch each other, reach
+    /// from its middle, in radii of the mesh: more than 1, or 0 for one that stands alone. They are
+    /// one surface, which is left out as small only as a whole.
     pub crowd: f32,
 }
 

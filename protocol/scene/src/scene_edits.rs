@@ -475,7 +475,10 @@ impl SceneEdits {
         let mut light = made.and_then(|new| new.light.clone()).map(Some);
         if let Some(edits) = edits {
             placed.local = edits.local.unwrap_or(placed.local);
-            placed.mesh = edits.mesh.unwrap_or(placed.mesh);
+            if let Some(mesh) = edits.mesh {
+                // Of another mesh the crowd says nothing.
+                (placed.mesh, placed.crowd) = (mesh, 0.0);
+            }
             if let Some(name) = &edits.name {
                 placed.name.clone_from(name);
             }
