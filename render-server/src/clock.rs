@@ -52,10 +52,17 @@ impl ClockEstimate {
         let offset = |theirs: u64, ours: u64| i64::try_from(i128::from(theirs) - i128::from(ours));
         let (Ok(there), Ok(back)) = (offset(t1, t0), offset(t2, t3)) else { return };
         let offset_us = i64::midpoint(there, back);
+        let sample = Sample { offset_us, round_trip_us, arrived: arrived_us };
+        // Where both cannot be right, a clock has jumped since: its machine slept, or was moved.
+        let agrees = |old: &Sample| {
+            let errors_us = sample.error_us(arrived_us) + old.error_us(arrived_us);
+            old.offset_us.abs_diff(offset_us) <= errors_us + 1
+        };
+        self.samples.retain(agrees);
         if self.samples.len() == SAMPLES {
             self.samples.pop_front();
         }
-        self.samples.push_back(Sample { offset_us, round_trip_us, arrived: arrived_us });
+        self.samples.push_back(sample);
     }
 
     /// Manager time minus this server's at `now_us` of its clock, and how far off that may be,
@@ -135,6 +142,18 @@ mod tests {
         assert_eq!(estimate.best(187), Some((1_000_010, 50)));
         // Ten seconds later it may be off by what the clocks have drifted.
         assert_eq!(estimate.best(10_000_177), Some((1_000_010, 200)));
+    }
+
+    #[test]
+    fn a_clock_that_jumps_is_believed_at_once() {
+        let mut estimate = ClockEstimate::default();
+        for (offset_us, trip_us, at_us) in
+            [(1_000_000, 50, 0), (1_000_000, 900, 500_000), (700_000, 400, 1_000_000)]
+        {
+            let (pong, arrived_us) = pong(offset_us, trip_us, trip_us, at_us);
+            estimate.add(&pong, arrived_us);
+        }
+        assert_eq!(estimate.best(1_000_810), Some((700_000, 400)));
     }
 
     #[test]
