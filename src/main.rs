@@ -6,6 +6,7 @@ mod image_files;
 mod lane_drawing;
 mod launch;
 mod logging;
+mod open_files;
 mod outputs;
 mod progress;
 mod report_page;
@@ -17,6 +18,7 @@ mod wall_drawing;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    open_files::raise_limit();
     let cli = cli::parse();
     let process = cli.process();
     cli::start_log(&cli);
