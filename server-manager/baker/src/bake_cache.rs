@@ -94,12 +94,17 @@ impl BakeCache {
     /// Notes what came of this key, once its blobs are durable: who is told that a scene is open
     /// finds it after a power cut too.
     pub(super) fn record(&self, key: BlobHash, baked: &Baked) -> Result<(), BakeError> {
-        let root = self.blobs.root();
-        sync_file_system(root).map_err(|error| unusable(root, error))?;
+        self.sync()?;
         let path = self.path_of(key);
         let written = serde_json::to_vec_pretty(baked).map_err(std::io::Error::from);
         let written = written.and_then(|text| blob::place(&self.bakes, &path, &text));
         written.map_err(|error| unusable(&path, error))
+    }
+
+    /// Makes all blobs durable that were written.
+    pub(super) fn sync(&self) -> Result<(), BakeError> {
+        let root = self.blobs.root();
+        sync_file_system(root).map_err(|error| unusable(root, error))
     }
 
     fn path_of(&self, key: BlobHash) -> PathBuf {

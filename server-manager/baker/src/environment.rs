@@ -88,6 +88,8 @@ pub fn bake_environment(
     });
     let map = environment_map(&picture, cancel)?;
     let blob = store.blobs().write(&map.encode())?;
+    // A manager remembers it from its answer on, which must not outlive it.
+    store.sync()?;
     Ok(BakedEnvironment { blob, what, warning })
 }
 

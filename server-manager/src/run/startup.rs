@@ -72,7 +72,9 @@ pub(super) fn start_cluster(
         }
     }
     let blobs = BlobStore::new(options.baker.store.join("blobs"));
-    if let Some(environment) = memory.environment.take_if(|of| !blobs.contains(of.blob)) {
+    // Reading it removes a damaged one.
+    let is_whole = |blob| matches!(blobs.read(blob), Ok(Some(_)));
+    if let Some(environment) = memory.environment.take_if(|of| !is_whole(of.blob)) {
         let name = environment.name;
         tracing::warn!(name, "the last environment is not in the store any more");
         memory.revision.0 += 1;
