@@ -237,7 +237,10 @@ fn state_file(arguments: &Arguments, token: &Path, wall: &str, port: u16) -> Opt
     // Beside the token: what a user's managers keep stands in one folder. Two managers of one wall
     // have two ports.
     let beside = || token.with_file_name(format!("{}-{port}.state", file_name(wall)));
-    Some(arguments.state.clone().unwrap_or_else(beside))
+    let path = arguments.state.clone().unwrap_or_else(beside);
+    // Its lock and its lease stand beside the file itself, not beside a link to it, which saving
+    // would replace.
+    Some(path.canonicalize().unwrap_or(path))
 }
 
 /// Logs where this manager is reached, and by what.
