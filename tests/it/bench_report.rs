@@ -39,7 +39,9 @@ fn number(value: &Value, key: &str) -> f64 {
 fn a_report_has_time_detail_and_measured_error_for_every_bound() {
     let place = TestDir::new();
     let town = town().display().to_string();
-    let said = place.run(arguments("3", &[&town])).succeeded();
+    // Thirty walls, one after the other.
+    let mut bench = place.start("bench", arguments("3", &[&town]));
+    let said = bench.finish(4 * wait::LIMIT).succeeded();
     assert!(said.contains("town: bound 0.5 px: ") && said.contains("report.html"), "{said}");
     let report = json_of(&place);
     let [scene] = &report.as_array().expect("a list of scenes")[..] else { panic!("{report}") };
