@@ -224,6 +224,8 @@ fn check_bounds(page: &Page, browser: &mut Browser) {
     await_shown(page, "a rate bound", |shown| shown.bounds == both);
     browser.value("document.getElementById('rate').focus()");
     browser.call("Input.insertText", &serde_json::json!({ "text": "3-" }));
+    // Keys take another way to the page than commands do.
+    browser.await_true("document.getElementById('rate').validity.badInput");
     browser.value("document.getElementById('rate').blur()");
     browser.await_true("document.getElementById('log').textContent.includes('lowest rate')");
     assert_eq!(presentation(page).bounds, both);
