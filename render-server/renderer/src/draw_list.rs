@@ -14,7 +14,7 @@ use super::item_draws::{self, ItemDraws};
 use super::lamp_map::LampMap;
 use super::many_items;
 use super::pass::shadow::casts_shadows;
-use super::pipeline::{InstanceRecord, TextureSlot};
+use super::pipeline::InstanceRecord;
 use super::scene::{Billboard, Bounds, DrawItem, GpuScene, Stance};
 use super::seen_from::SeenFrom;
 use super::view::ViewDesc;
@@ -151,8 +151,8 @@ impl VisibleItems {
     }
 
     /// Removes the items that cast no shadow of a lamp with this reach, in world space: those that
-    /// are beyond it, and those that glow around it, such as its bulb or the glass of its lantern.
-    /// A large one of which a texture says what glows, such as a room, casts shadows.
+    /// are beyond it, and those that glow around it and are small, such as its bulb or the glass of
+    /// its lantern. What has a place that glows and is larger, such as a room, casts shadows.
     pub fn keep_casting(&mut self, scene: &GpuScene, map: &LampMap) {
         let (lamp, radius) = map.reached();
         let (reach, lantern) = (radius * radius, map.lantern_radius());
@@ -162,9 +162,8 @@ impl VisibleItems {
             let key = &scene.layout.keys[scene.batch_of(item).pipeline as usize];
             // Written so that a box that is not finite stays.
             let is_beyond = distance > reach;
-            let glows_all = key.material.emissive == TextureSlot::None;
-            let is_lantern = glows_all || around.half().length() <= lantern;
-            let is_of_lamp = distance == 0.0 && key.material.glowing && is_lantern;
+            let is_small = around.half().length() <= lantern;
+            let is_of_lamp = distance == 0.0 && key.material.glowing && is_small;
             !is_beyond && !is_of_lamp
         });
     }

@@ -43,9 +43,9 @@ pub(crate) const LAMP_RADIUS: f64 = 0.05;
 /// nearer to the light casts no shadow.
 const NEAR_FRACTION: f64 = 1.0 / 65_536.0;
 
-/// Half of the diagonal of the largest lantern of which a texture says what glows, as a share of
-/// how far a light reaches in the scene: a street lamp with a post of 8 m, of 12 m. A room that is
-/// the whole scene has more, unless the lamp is in a corner of it.
+/// Half of the diagonal of the largest lantern as a share of how far a light reaches in the scene:
+/// a street lamp with a post of 8 m, of 12 m. A room that is the whole scene has more, unless the
+/// lamp is in a corner of it.
 const LANTERN_FRACTION: f64 = 1.0 / 2.0;
 
 /// The least tangent of half a cone's angle: a map of no width has no texels.
