@@ -292,6 +292,26 @@ fn instances_and_quantised_meshes_are_drawn() {
 }
 
 #[test]
+fn copies_and_nodes_in_a_row_are_one_crowd_and_what_is_apart_is_none() {
+    let mut builder = Builder::quad();
+    let places: Vec<f32> = (0..40_u8).flat_map(|at| [f32::from(at), 0.0, 0.0]).collect();
+    let places = builder.floats("VEC3", &places);
+    let copies = json!({ "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": places } } });
+    builder.json["nodes"] = json!([
+        { "mesh": 0, "extensions": copies },
+        { "mesh": 0, "translation": [40, 0, 0] },
+        { "mesh": 0, "translation": [0, 9, 0] },
+    ]);
+    builder.json["scenes"] = json!([{ "nodes": [0, 1, 2] }]);
+    builder.json["extensionsUsed"] = json!(["EXT_mesh_gpu_instancing"]);
+    let (_place, _, scene) = bake_builder(&builder);
+    // From the middle of the first to the end of 41 units: 40.5, where its own radius is 0.71.
+    let [row, end, apart] = [0, 1, 2].map(|at: usize| scene.nodes[at].crowd);
+    assert!((57.0..58.0).contains(&row) && (57.0..58.0).contains(&end), "{row}, {end}");
+    assert_eq!(apart, 0.0);
+}
+
+#[test]
 fn lights_are_brought_into_range() {
     let mut builder = Builder::triangle();
     let lights = json!([
