@@ -3,6 +3,7 @@
 //! stopped.
 
 use std::fs;
+use std::os::unix::fs::symlink;
 use std::process::Command;
 
 use polyptych_client::ChannelState;
@@ -27,6 +28,11 @@ fn a_state_file_has_one_manager_at_a_time() {
     let pid = first.manager.pid().to_string();
     let second = MANAGER.iter().chain(&state);
     place.run(second.clone()).failed(&["wall.state", &pid, "wall.state.lock", "--state"]);
+    // Nor may another one come by a link, whose lock would stand elsewhere.
+    first.run(&["view", "save", "kept"]).succeeded();
+    symlink(place.path("wall.state"), place.path("link.state")).expect("linked");
+    let by_link = MANAGER.iter().chain(&["--state", "link.state"]);
+    place.run(by_link).failed(&[&pid, "wall.state.lock"]);
     // A lock that a killed manager has left is no obstacle.
     first.manager.kill();
     let mut third = place.start("manager", second);
