@@ -138,6 +138,8 @@ where
             }
             Ok(MessageToClient::Progress { id, progress }) => shared.handle_progress(id, progress),
             Ok(MessageToClient::Warning { warning, .. }) => tracing::warn!("{warning}"),
+            // Its bytes have come, which is all that it says.
+            Ok(MessageToClient::Heartbeat) => {}
             Ok(MessageToClient::Goodbye(goodbye)) => {
                 return CloseReason { reason: goodbye.to_string(), is_goodbye: true };
             }

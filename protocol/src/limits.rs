@@ -25,3 +25,6 @@ pub const BULK_BYTES_MAX: usize = CHUNK_BYTES_MAX + 128;
 
 /// The number of pings in one heartbeat limit: one may get lost in a stall.
 pub const PINGS_PER_HEARTBEAT: u32 = 4;
+
+/// Time between two heartbeats that a manager sends to a client, however busy it is.
+pub const CLIENT_HEARTBEAT_PERIOD: Duration = Duration::from_secs(1);

@@ -367,6 +367,10 @@ pub enum MessageToClient {
         /// The warning's text.
         warning: String,
     },
+    /// The manager's event loop works and leads the wall: sent every
+    /// [`CLIENT_HEARTBEAT_PERIOD`](crate::limits::CLIENT_HEARTBEAT_PERIOD), unless the client reads
+    /// slowly.
+    Heartbeat,
 }
 
 /// The outcome of a request that succeeded.

@@ -13,7 +13,7 @@ use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
 use polyptych_protocol::stream::Stream;
 use polyptych_tls::NodeIdentity;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 
 use crate::authenticator::Authenticator;
 use crate::bulk::{self, BlobAllowlist, PictureOf};
@@ -56,6 +56,8 @@ pub(crate) struct AcceptContext {
     pub events: mpsc::Sender<Event>,
     pub pictures: mpsc::Sender<PictureOf>,
     pub queues: RequestQueues,
+    /// Heartbeats of the event loop, which connections of clients pass on.
+    pub heartbeats: watch::Receiver<()>,
     /// The start of the manager's clock.
     pub started: tokio::time::Instant,
     pub folder: BlobStore,
@@ -140,7 +142,7 @@ async fn serve((peer, proven): LetIn, address: SocketAddr, door: AcceptContext) 
         Hello::Client(hello) => {
             let is_local = address.ip().to_canonical().is_loopback();
             let visitor = Visitor { frames, proof, name: hello.name, is_local };
-            client_session::serve(visitor, door.events, door.queues).await;
+            client_session::serve(visitor, door.events, door.queues, door.heartbeats).await;
         }
         Hello::Server(hello) => {
             server_session::serve((frames, proof), hello, address, door).await;

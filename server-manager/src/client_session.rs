@@ -11,7 +11,7 @@ use polyptych_protocol::limits::CALL_BYTES_MAX;
 use polyptych_protocol::request::RequestMessage;
 use polyptych_protocol::stream::Stream;
 use tokio::io::ReadHalf;
-use tokio::sync::{Semaphore, mpsc, oneshot};
+use tokio::sync::{Semaphore, mpsc, oneshot, watch};
 use tokio_util::codec::{FramedParts, FramedRead, FramedWrite, LengthDelimitedCodec};
 
 use crate::requests::{
@@ -30,7 +30,12 @@ pub(crate) struct Visitor {
 }
 
 /// Serves one connection until it ends.
-pub(crate) async fn serve(visitor: Visitor, events: mpsc::Sender<Event>, queues: RequestQueues) {
+pub(crate) async fn serve(
+    visitor: Visitor,
+    events: mpsc::Sender<Event>,
+    queues: RequestQueues,
+    heartbeats: watch::Receiver<()>,
+) {
     let Visitor { mut frames, proof, name, is_local } = visitor;
     let (link, waiting) = ClientHandle::new();
     let close = link.close.clone();
@@ -54,9 +59,10 @@ pub(crate) async fn serve(visitor: Visitor, events: mpsc::Sender<Event>, queues:
         let mut stream =
             FramedRead::new(read_half, polyptych_protocol::framing::frames(CALL_BYTES_MAX));
         *stream.read_buffer_mut() = read_buf;
+        let sink = FramedWrite::new(write_half, codec);
         tokio::select! {
             reason = hear(stream, session, &queues) => reason,
-            reason = write_all(FramedWrite::new(write_half, codec), waiting, close) => reason,
+            reason = write_all(sink, waiting, heartbeats, close) => reason,
         }
     } else {
         "the connection failed during the handshake".to_owned()

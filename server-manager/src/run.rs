@@ -138,6 +138,7 @@ pub async fn run(
         events: hub.events.clone(),
         pictures: hub.pictures_of_servers.0.clone(),
         queues: hub.turns.queues().clone(),
+        heartbeats: hub.life_signs.heartbeats(),
         started: hub.started,
         folder: BlobStore::new(hub.options.baker.store.join("blobs")),
         allowed: hub.allowed.clone(),
@@ -360,7 +361,7 @@ impl EventLoop {
         let held = self.keeper.as_ref().and_then(Keeper::due).map(Instant::from_std);
         let capture = self.collections.iter().map(|(expires, _)| *expires).min();
         let an_hour = Instant::now() + Duration::from_hours(1);
-        let sign = self.life_signs.due();
+        let sign = self.life_signs.due(!self.clients.is_empty());
         let look = self.next_look();
         due.into_iter().chain(held).chain(capture).chain(sign).chain(look).min().unwrap_or(an_hour)
     }

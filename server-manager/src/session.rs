@@ -8,12 +8,13 @@ use bytes::Bytes;
 use futures_util::SinkExt;
 use polyptych_core::SessionId;
 use polyptych_protocol::handshake::{ServerHello, Welcome};
+use polyptych_protocol::request::MessageToClient;
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::stall_limit::StallLimit;
 use polyptych_protocol::stream::Stream;
 use polyptych_tls::NodeIdentity;
 use tokio::io::WriteHalf;
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::codec::{FramedWrite, LengthDelimitedCodec};
 use tokio_util::sync::CancellationToken;
 
@@ -142,13 +143,15 @@ impl ClientHandle {
     }
 }
 
-/// Sends what waits until the connection is closed from one side, and says why it ended.
+/// Sends what waits, and heartbeats between, until the connection is closed from one side, and says
+/// why it ended.
 ///
 /// Once closed, what is in the outbox still goes out, as far as the peer takes it in
 /// [`DRAIN_TIME_MAX`]: a peer that has stopped reading holds nothing.
 pub(crate) async fn write_all(
     sink: FramedWrite<WriteHalf<Stream>, LengthDelimitedCodec>,
     waiting: OutboxReceiver,
+    heartbeats: watch::Receiver<()>,
     close: CancellationToken,
 ) -> String {
     let hard_end = async {
@@ -156,7 +159,7 @@ pub(crate) async fn write_all(
         tokio::time::sleep(DRAIN_TIME_MAX).await;
     };
     tokio::select! {
-        reason = write_until_closed(sink, waiting, &close) => reason,
+        reason = write_until_closed(sink, waiting, heartbeats, &close) => reason,
         () = hard_end => "the manager closed the connection".to_owned(),
     }
 }
@@ -164,21 +167,25 @@ pub(crate) async fn write_all(
 async fn write_until_closed(
     sink: FramedWrite<WriteHalf<Stream>, LengthDelimitedCodec>,
     mut waiting: OutboxReceiver,
+    mut heartbeats: watch::Receiver<()>,
     close: &CancellationToken,
 ) -> String {
     let codec = sink.encoder().clone();
     // A limit for each write: one for all that waits would end clients on slow links, which read.
     let half = StallLimit::new(sink.into_inner(), STALL_TIME_MAX);
     let mut sink = FramedWrite::new(half, codec);
+    let heartbeat = polyptych_codec::encode(&MessageToClient::Heartbeat);
     loop {
-        let (message, is_piece) = tokio::select! {
+        let (message, is_of_outbox) = tokio::select! {
             biased;
-            message = waiting.outbox.recv() => (message, false),
-            piece = waiting.pieces.recv() => (piece, true),
+            message = waiting.outbox.recv() => (message, true),
+            piece = waiting.pieces.recv() => (piece, false),
             () = close.cancelled() => (None, false),
+            // Last, since other bytes say as much. The loop sends none any more once it has ended.
+            Ok(()) = heartbeats.changed() => (Some(heartbeat.clone()), false),
         };
         let Some(message) = message else { break };
-        let mut written = if is_piece { 0 } else { message.len() };
+        let mut written = if is_of_outbox { message.len() } else { 0 };
         // Not all that comes meanwhile: a client that reads slowly would never be seen to read.
         let already_there = waiting.outbox.len();
         let work = async {
@@ -203,23 +210,34 @@ async fn write_until_closed(
 
 #[cfg(test)]
 mod tests {
-    use polyptych_protocol::framing::frames;
+    use futures_util::StreamExt;
+    use polyptych_protocol::framing::{decode, frames};
     use polyptych_protocol::limits::MESSAGE_BYTES_MAX;
-    use tokio::io::AsyncReadExt;
+    use tokio::io::{AsyncReadExt, DuplexStream};
     use tokio::time::Instant;
+    use tokio_util::codec::FramedRead;
 
     use super::*;
 
+    /// The manager's end of a client's connection.
+    fn sink(pipe: DuplexStream) -> FramedWrite<WriteHalf<Stream>, LengthDelimitedCodec> {
+        let bytes = Box::new(pipe);
+        let stream = Stream::Encrypted { bytes, local: ([127, 0, 0, 1], 7878).into() };
+        let (_read_half, write_half) = tokio::io::split(stream);
+        FramedWrite::new(write_half, frames(MESSAGE_BYTES_MAX))
+    }
+
+    fn run<F: Future>(future: F) -> F::Output {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        runtime.expect("a runtime").block_on(future)
+    }
+
     #[test]
     fn a_client_that_reads_nothing_is_let_go_and_a_slow_one_is_not() {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-        runtime.expect("a runtime").block_on(async {
+        run(async {
             tokio::time::pause();
             let (ours, mut theirs) = tokio::io::duplex(1 << 10);
-            let bytes = Box::new(ours);
-            let stream = Stream::Encrypted { bytes, local: ([127, 0, 0, 1], 7878).into() };
-            let (_read_half, write_half) = tokio::io::split(stream);
-            let sink = FramedWrite::new(write_half, frames(MESSAGE_BYTES_MAX));
+            let (_beats, heartbeats) = watch::channel(());
             let (link, waiting) = ClientHandle::new();
             assert!(link.send(Bytes::from(vec![0; 8 << 10])));
             let began = Instant::now();
@@ -229,9 +247,36 @@ mod tests {
                     theirs.read_exact(&mut [0; 1 << 10]).await.expect("read");
                 }
             };
-            let (reason, ()) = tokio::join!(write_all(sink, waiting, link.close.clone()), slow);
+            let writing = write_all(sink(ours), waiting, heartbeats, link.close.clone());
+            let (reason, ()) = tokio::join!(writing, slow);
             assert_eq!(reason, "the connection failed: it has read nothing for 10 s");
             assert!(began.elapsed() >= STALL_TIME_MAX * 7 / 2, "{:?}", began.elapsed());
+        });
+    }
+
+    #[test]
+    fn a_client_that_is_sent_nothing_else_hears_the_heartbeats() {
+        run(async {
+            let (ours, theirs) = tokio::io::duplex(1 << 10);
+            let (beats, heartbeats) = watch::channel(());
+            let (link, waiting) = ClientHandle::new();
+            let mut heard = FramedRead::new(theirs, frames(MESSAGE_BYTES_MAX));
+            let hearing = async {
+                for _ in 0..3 {
+                    beats.send_replace(());
+                    let bytes = heard.next().await.expect("a message").expect("whole");
+                    let message = decode::<MessageToClient>(&bytes).expect("a message");
+                    assert_eq!(message, MessageToClient::Heartbeat);
+                }
+                // The loop has ended, and the connection waits for its goodbye.
+                drop(beats);
+                assert!(link.send(Bytes::from_static(b"goodbye")));
+                assert_eq!(&heard.next().await.expect("it").expect("whole")[..], b"goodbye");
+                link.close.cancel();
+            };
+            let writing = write_all(sink(ours), waiting, heartbeats, link.close.clone());
+            let (reason, ()) = tokio::join!(writing, hearing);
+            assert_eq!(reason, "the manager closed the connection");
         });
     }
 }

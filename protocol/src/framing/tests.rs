@@ -269,6 +269,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         ),
         (encode(&failure), "000501026e6f"),
         (encode(&done), "00050000"),
+        (encode(&request::MessageToClient::Heartbeat), "06"),
     ]
 }
 

@@ -35,7 +35,13 @@ impl EventLoop {
         let mut stopped = StoppedServers { absent: self.absent(&waiting), ..Default::default() };
         let until = Instant::now() + STOP_TIME_MAX;
         while !waiting.is_empty() {
-            let Ok(Some(event)) = timeout_at(until, inbox.recv()).await else { break };
+            // The client that waits for the answer hears that this manager works.
+            let next = until.min(self.beat());
+            let event = match timeout_at(next, inbox.recv()).await {
+                Ok(Some(event)) => event,
+                Err(_) if next < until => continue,
+                Ok(None) | Err(_) => break,
+            };
             match event {
                 Event::ServerSays { from, status: ServerMessage::Goodbye { .. }, .. } => {
                     stopped.ended.extend(waiting.remove(&from));

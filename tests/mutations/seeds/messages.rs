@@ -505,6 +505,7 @@ fn answers() -> Vec<request::MessageToClient> {
         request::MessageToClient::Progress { id, progress: OpenProgress::NONE },
         request::MessageToClient::Warning { id, warning: "the disk is full".into() },
         request::MessageToClient::Goodbye(Goodbye::Ended),
+        request::MessageToClient::Heartbeat,
     ];
     let replies =
         replies.into_iter().chain(answers_about_space()).chain(answers_about_kept(summary));

@@ -179,7 +179,8 @@ impl InvariantChecker {
             MessageToClient::Chunk(_)
             | MessageToClient::Goodbye(_)
             | MessageToClient::Progress { .. }
-            | MessageToClient::Warning { .. } => Ok(()),
+            | MessageToClient::Warning { .. }
+            | MessageToClient::Heartbeat => Ok(()),
         }
     }
 
