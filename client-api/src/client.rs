@@ -42,7 +42,8 @@ use crate::pending::Pending;
 /// A connection that is lost is made again, unless [`ConnectOptions::reconnect`] says otherwise:
 /// requests that were sent fail once with an outcome that is unknown
 /// ([`ClientError::is_outcome_unknown`]) and are never repeated, later ones wait for the
-/// connection, and [`Client::feedback`] goes on. The manager remembers scene, camera and pace.
+/// connection, and [`Client::feedback`] goes on. The manager remembers scene, camera and pace. One
+/// that has a standby, and from which nothing comes for five seconds, counts as lost too.
 #[derive(Clone, Debug)]
 pub struct Client {
     pub(crate) link: ConnectionHandle,

@@ -8,7 +8,7 @@ use std::{fmt, io};
 
 use polyptych_protocol::handshake::{ClientHello, Hello, Role, Secret};
 use polyptych_protocol::handshake_io::{ConnectionError, send_hello};
-use polyptych_protocol::limits::HANDSHAKE_TIME_MAX;
+use polyptych_protocol::limits::{HANDSHAKE_TIME_MAX, MANAGER_SILENCE_MAX};
 use polyptych_protocol::manager_addresses::ManagerAddresses;
 use polyptych_protocol::request::Request;
 use polyptych_protocol::stall_limit::StallLimit;
@@ -46,7 +46,8 @@ const FLOOD_WAIT: Duration = Duration::from_millis(20);
 #[derive(Clone)]
 pub struct ConnectOptions {
     /// The manager's host and port; the port is 7878 where none is given. Where managers share the
-    /// wall, the addresses of all, separated by commas: the client finds the one that leads.
+    /// wall, the addresses of all, separated by commas: the client finds the one that leads, and
+    /// leaves one from which nothing comes for five seconds, or for the wall's heartbeat limit.
     pub address: String,
     /// The manager's secret itself; goes before `token_file`.
     pub token: Option<String>,
@@ -163,8 +164,9 @@ pub(crate) async fn connect_tcp(
     let with_ports = |list: &str| list.split(',').map(|a| with_port(a.trim())).collect::<Vec<_>>();
     options.address = with_ports(&options.address).join(",");
     let mut managers = ManagerAddresses::new(&options.address);
-    let (frames, welcome) = dial_each(&options, &mut managers).await?;
     let has_standby = managers.len() > 1;
+    let connected = dial_each(&options, &mut managers).await?;
+    let (frames, welcome) = limit_silence(connected, has_standby);
     let dialled = options.clone();
     // What was given is kept only where it is needed again.
     options.token = None;
@@ -173,13 +175,30 @@ pub(crate) async fn connect_tcp(
             managers.advance();
             let options =
                 ConnectOptions { address: managers.current().to_owned(), ..dialled.clone() };
-            async move { dial_and_introduce(&options).await }
+            async move {
+                let connected = dial_and_introduce(&options).await;
+                connected.map(|connected| limit_silence(connected, has_standby))
+            }
         };
         Reconnector { reconnect, dial, has_standby }
     });
     let (link, messages) = ConnectionHandle::new(options, welcome);
     let driver = run_connection(frames, link.shared.clone(), messages, redial);
     Ok((link, driver))
+}
+
+/// Ends the connection once nothing has come from its manager for too long, if there is another
+/// that may lead. The only manager of a wall is waited for: no other could answer, and what was
+/// sent to it may yet be done.
+pub(crate) fn limit_silence<S>(
+    (mut frames, welcome): HandshakeResult<S>,
+    has_standby: bool,
+) -> HandshakeResult<S> {
+    if has_standby {
+        let heartbeat = Duration::from_millis(u64::from(welcome.heartbeat_ms));
+        frames.get_mut().limit_silence(MANAGER_SILENCE_MAX.max(heartbeat));
+    }
+    (frames, welcome)
 }
 
 /// Connects to the first of the managers that lets this client in. The error is one of a manager

@@ -116,7 +116,7 @@ impl Drop for CloseOnDrop {
     }
 }
 
-/// Hands out what comes, until the other end says that it is over.
+/// Hands out what comes, until the other end says that it is over, or says nothing for too long.
 async fn read<S>(mut stream: SplitStream<MessageStream<S>>, shared: &Shared) -> CloseReason
 where
     S: AsyncRead + AsyncWrite + Unpin,
@@ -197,6 +197,149 @@ async fn expire(shared: &Shared) -> CloseReason {
                     }
                 }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::future::ready;
+
+    use polyptych_protocol::framing::{decode, frames};
+    use polyptych_protocol::handshake::Welcome;
+    use polyptych_protocol::ids::{Epoch, RequestId, Term};
+    use polyptych_protocol::limits::{
+        CLIENT_HEARTBEAT_PERIOD, MANAGER_SILENCE_MAX, MESSAGE_BYTES_MAX,
+    };
+    use polyptych_protocol::request::{Request, RequestError, RequestMessage, Response};
+    use tokio::io::{AsyncWriteExt, DuplexStream, duplex};
+    use tokio::time::advance;
+
+    use super::*;
+    use crate::client::Client;
+    use crate::connect::{ConnectOptions, limit_silence};
+    use crate::connection_handle::ConnectionHandle;
+    use crate::reconnect::ReconnectPolicy;
+
+    /// The manager's end of a connection.
+    struct Manager(MessageStream<DuplexStream>);
+
+    impl Manager {
+        /// Waits for the next request, which must be this one.
+        async fn expect(&mut self, expected: Request) -> RequestId {
+            let bytes = self.0.next().await.expect("a request").expect("whole");
+            let message = decode::<RequestMessage>(&bytes).expect("a request");
+            assert_eq!(message.request, expected);
+            message.id
+        }
+
+        async fn send(&mut self, message: MessageToClient) {
+            self.0.send(polyptych_codec::encode(&message)).await.expect("sent");
+        }
+
+        async fn done(&mut self, id: RequestId) {
+            self.send(MessageToClient::Reply { id, reply: Ok(Response::Done) }).await;
+        }
+    }
+
+    fn open_scene() -> Request {
+        Request::OpenScene { path: "a.glb".into(), scene: None }
+    }
+
+    /// Both ends of a connection, with or without other managers.
+    fn connect(
+        session: u64,
+        heartbeat_ms: u32,
+        has_standby: bool,
+    ) -> (HandshakeResult<DuplexStream>, Manager) {
+        let (ours, theirs) = duplex(1 << 16);
+        let stream = StallLimit::new(ours, WRITE_TIME_MAX);
+        let wall = "lab".to_owned();
+        let welcome = Welcome { epoch: Epoch(7), term: Term(1), session, wall, heartbeat_ms };
+        let introduced = (MessageStream::new(stream, frames(MESSAGE_BYTES_MAX)), welcome);
+        let manager = Manager(MessageStream::new(theirs, frames(MESSAGE_BYTES_MAX)));
+        (limit_silence(introduced, has_standby), manager)
+    }
+
+    /// A client that has these connections, one after the other.
+    fn start(connections: Vec<HandshakeResult<DuplexStream>>) -> Client {
+        let mut connections = connections.into_iter();
+        let (stream, welcome) = connections.next().expect("a first one");
+        let reconnect = ReconnectPolicy::default();
+        let options =
+            ConnectOptions { reconnect: Some(reconnect), ..ConnectOptions::new("one,two") };
+        let (link, messages) = ConnectionHandle::new(options, welcome);
+        let refused =
+            || ClientError::Refused { address: "two".into(), reason: "it does not lead".into() };
+        let dial = move || ready(connections.next().ok_or_else(refused));
+        let redial = Reconnector { reconnect, dial, has_standby: true };
+        tokio::spawn(run_connection(stream, link.shared.clone(), messages, Some(redial)));
+        Client::from_link(link)
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_manager_that_falls_silent_is_left_for_the_next() {
+        let (first, mut hangs) = connect(1, 2000, true);
+        let (second, mut next) = connect(2, 2000, true);
+        let client = start(vec![first, second]);
+        let begin = Instant::now();
+        let pause = client.submit(Request::Pause).expect("posted");
+        let scene = client.submit(open_scene()).expect("posted");
+        hangs.expect(Request::Pause).await;
+        let of = hangs.expect(open_scene()).await;
+
+        let error = pause.await.expect_err("no answer");
+        assert!(matches!(error, ClientError::ConnectionLost { .. }), "{error}");
+        assert!(error.is_outcome_unknown());
+        assert!(error.to_string().contains("it has sent nothing for 5 s"), "{error}");
+        assert_eq!(begin.elapsed().as_secs(), 5);
+        let close = client.submit(Request::CloseScene).expect("posted");
+        // It may be the same manager, which was stopped for a while: that is asked what it did.
+        assert_eq!(next.expect(Request::OpenOutcome { session: 1, of }).await, of);
+        let id = next.expect(Request::CloseScene).await;
+        let refused = Err(RequestError::new("no such file"));
+        next.send(MessageToClient::Reply { id: of, reply: refused }).await;
+        next.done(id).await;
+        assert!(matches!(scene.await, Err(ClientError::Failed { .. })));
+        assert_eq!(close.await.expect("done"), Response::Done);
+        assert_eq!((client.close_reason(), client.pending_requests()), (None, 0));
+        assert!(hangs.0.next().await.is_none(), "it is sent nothing any more");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_manager_that_says_little_and_answers_late_is_not_left() {
+        let (connection, mut manager) = connect(1, 2000, true);
+        let client = start(vec![connection]);
+        let scene = client.submit(open_scene()).expect("posted");
+        let id = manager.expect(open_scene()).await;
+        let almost = MANAGER_SILENCE_MAX - CLIENT_HEARTBEAT_PERIOD;
+        for _ in 0..10 {
+            advance(almost).await;
+            manager.send(MessageToClient::Heartbeat).await;
+        }
+        // Each byte counts: a long message may take its time.
+        let answer = MessageToClient::Reply { id, reply: Ok(Response::Done) };
+        for byte in polyptych_codec::framed(&polyptych_codec::encode(&answer)) {
+            advance(almost).await;
+            manager.0.get_mut().write_all(&[byte]).await.expect("sent");
+        }
+        assert_eq!(scene.await.expect("answered"), Response::Done);
+        assert_eq!(client.close_reason(), None);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn silence_is_borne_of_the_only_manager_and_by_walls_with_patience() {
+        for (heartbeat_ms, has_standby) in [(2000, false), (60_000, true)] {
+            let (connection, mut manager) = connect(1, heartbeat_ms, has_standby);
+            let client = start(vec![connection]);
+            let pause = client.submit(Request::Pause).expect("posted");
+            let id = manager.expect(Request::Pause).await;
+            for _ in 0..4 {
+                advance(MANAGER_SILENCE_MAX).await;
+            }
+            manager.done(id).await;
+            assert_eq!(pause.await.expect("answered"), Response::Done);
+            assert_eq!(client.close_reason(), None);
         }
     }
 }

@@ -28,3 +28,8 @@ pub const PINGS_PER_HEARTBEAT: u32 = 4;
 
 /// Time between two heartbeats that a manager sends to a client, however busy it is.
 pub const CLIENT_HEARTBEAT_PERIOD: Duration = Duration::from_secs(1);
+
+/// Maximum time in which nothing comes from a manager that has a standby, before a client tries the
+/// others; the wall's heartbeat limit if that is longer. Several heartbeats may be late, and by
+/// default another manager leads by then.
+pub const MANAGER_SILENCE_MAX: Duration = Duration::from_secs(5);

@@ -1,4 +1,4 @@
-//! A connection that ends if its peer takes nothing for too long.
+//! A connection that ends if its peer takes nothing for too long, or says nothing.
 
 use std::io;
 use std::pin::Pin;
@@ -9,39 +9,70 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, Sleep};
 
 /// A stream whose writes fail once the peer has read nothing for a while. A peer that stops reading
-/// holds what waits for it no longer than that; one that reads slowly may take its time.
+/// holds what waits for it no longer than that; one that reads slowly may take its time. Reads may
+/// have such a limit too, where the peer sends something now and then.
 #[derive(Debug)]
 pub struct StallLimit<S> {
     stream: S,
+    writes: WaitLimit,
+    /// `None` if the peer may be silent.
+    reads: Option<WaitLimit>,
+}
+
+/// A limit of the time that one direction of a stream may wait.
+#[derive(Debug)]
+struct WaitLimit {
     limit: Duration,
-    /// Runs while a write waits.
+    /// Runs while the direction waits.
     timer: Pin<Box<Sleep>>,
     is_waiting: bool,
+}
+
+impl WaitLimit {
+    fn new(limit: Duration) -> Self {
+        Self { limit, timer: Box::pin(tokio::time::sleep(limit)), is_waiting: false }
+    }
+
+    /// Passes on the outcome of an operation, and fails it if it has waited for too long. `done`
+    /// says what the peer would have done.
+    fn apply<T>(
+        &mut self,
+        context: &mut Context<'_>,
+        outcome: Poll<io::Result<T>>,
+        done: &str,
+    ) -> Poll<io::Result<T>> {
+        if outcome.is_ready() {
+            self.is_waiting = false;
+            return outcome;
+        }
+        if !std::mem::replace(&mut self.is_waiting, true) {
+            self.timer.as_mut().reset(Instant::now() + self.limit);
+        }
+        ready!(self.timer.as_mut().poll(context));
+        let reason = format!("it has {done} nothing for {} s", self.limit.as_secs());
+        Poll::Ready(Err(io::Error::new(io::ErrorKind::TimedOut, reason)))
+    }
 }
 
 impl<S> StallLimit<S> {
     /// Limits the time that one write to this stream may wait. Call it within a tokio runtime,
     /// which has the clock.
     pub fn new(stream: S, limit: Duration) -> Self {
-        Self { stream, limit, timer: Box::pin(tokio::time::sleep(limit)), is_waiting: false }
+        Self { stream, writes: WaitLimit::new(limit), reads: None }
     }
 
-    /// Passes on what a write came to, and fails it if it has waited for too long.
-    fn limited<T>(
+    /// Limits the time that one read may wait too, from now on; in a tokio runtime as well. Time in
+    /// which nobody reads does not count, so that a slow reader takes no peer for silent.
+    pub fn limit_silence(&mut self, limit: Duration) {
+        self.reads = Some(WaitLimit::new(limit));
+    }
+
+    fn limit_write<T>(
         &mut self,
         context: &mut Context<'_>,
         written: Poll<io::Result<T>>,
     ) -> Poll<io::Result<T>> {
-        if written.is_ready() {
-            self.is_waiting = false;
-            return written;
-        }
-        if !std::mem::replace(&mut self.is_waiting, true) {
-            self.timer.as_mut().reset(Instant::now() + self.limit);
-        }
-        ready!(self.timer.as_mut().poll(context));
-        let reason = format!("it has read nothing for {} s", self.limit.as_secs());
-        Poll::Ready(Err(io::Error::new(io::ErrorKind::TimedOut, reason)))
+        self.writes.apply(context, written, "read")
     }
 }
 
@@ -51,7 +82,11 @@ impl<S: AsyncRead + Unpin> AsyncRead for StallLimit<S> {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_read(context, buffer)
+        let read = Pin::new(&mut self.stream).poll_read(context, buffer);
+        match &mut self.reads {
+            Some(reads) => reads.apply(context, read, "sent"),
+            None => read,
+        }
     }
 }
 
@@ -62,16 +97,16 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for StallLimit<S> {
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
         let written = Pin::new(&mut self.stream).poll_write(context, bytes);
-        self.limited(context, written)
+        self.limit_write(context, written)
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let flushed = Pin::new(&mut self.stream).poll_flush(context);
-        self.limited(context, flushed)
+        self.limit_write(context, flushed)
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let ended = Pin::new(&mut self.stream).poll_shutdown(context);
-        self.limited(context, ended)
+        self.limit_write(context, ended)
     }
 }
