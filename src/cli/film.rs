@@ -16,7 +16,7 @@ use anyhow::{Context, bail};
 use film_output::FilmOutput;
 use interruption::Interruption;
 use polyptych_client::blocking::Client;
-use polyptych_client::{Capture, ClientError, ReconnectPolicy};
+use polyptych_client::{Capture, ClientError, Pacing, ReconnectPolicy};
 use polyptych_text::{counted, printable};
 use serde::Serialize;
 
@@ -162,7 +162,7 @@ pub(super) fn film(arguments: &FilmArguments) -> anyhow::Result<ExitCode> {
     drop(progress);
     // What was written stays valid, however the film ended.
     let ended = output.finish();
-    let resumed = tour.pace.map_or(Ok(()), |pace| client.start_rendering(pace));
+    let resumed = tour.pace.map_or(Ok(()), |pace| resume(&client, pace));
     if arguments.json {
         say(serde_json::to_string(&report)?)?;
     } else {
@@ -196,13 +196,17 @@ fn all_frames(
 /// Returns whether a capture may go through once the manager is there again: that of a stated time
 /// is the same however often it is asked for.
 fn is_lost(error: &ClientError) -> bool {
-    // One that says goodbye may be started again, or have a standby.
-    matches!(
-        error,
-        ClientError::ConnectionLost { .. }
-            | ClientError::NotConnected { .. }
-            | ClientError::ManagerEnded { .. }
-    )
+    // One that says goodbye may be started again, or have a standby, and one that hangs may go on.
+    error.is_outcome_unknown() || matches!(error, ClientError::NotConnected { .. })
+}
+
+/// Gives the wall its pace back. Asks once more if the manager is lost before it has answered: to
+/// be told twice changes nothing.
+fn resume(client: &Client, pace: Pacing) -> Result<(), ClientError> {
+    match client.start_rendering(pace) {
+        Err(error) if error.is_outcome_unknown() => client.start_rendering(pace),
+        resumed => resumed,
+    }
 }
 
 /// Captures a frame until all channels are in it.
@@ -287,6 +291,8 @@ mod tests {
         missing: Vec<u32>,
         /// Captures during which the manager goes.
         lost: Vec<u32>,
+        /// Captures that the manager does not answer.
+        unanswered: Vec<u32>,
         waits: u32,
         /// The capture during which the film is interrupted; 0 if it is not.
         interrupted: u32,
@@ -299,6 +305,10 @@ mod tests {
                 let (request, address) = ("capture the wall", "here".to_owned());
                 let reason = "it was killed".to_owned();
                 return Err(ClientError::ConnectionLost { request, address, reason });
+            }
+            if self.unanswered.contains(&self.captures) {
+                let (request, after) = ("capture the wall", Duration::from_mins(1));
+                return Err(ClientError::TimedOut { request, after });
             }
             let is_missing = self.missing.contains(&self.captures);
             let missing = is_missing.then(|| ("left".to_owned(), "it is lost".to_owned()));
@@ -337,6 +347,16 @@ mod tests {
         };
         assert_eq!(missing, &[("left".to_owned(), "it is lost".to_owned())]);
         assert!(lost.contains("it was killed"), "{lost}");
+    }
+
+    #[test]
+    fn a_frame_whose_manager_hung_is_captured_again() {
+        let mut script = Script { unanswered: vec![1], ..Script::default() };
+        let mut redrawn = Vec::new();
+        whole_frame(&mut script, 0, 0.0, &mut redrawn).expect("whole");
+        assert_eq!((script.captures, script.waits), (2, 1));
+        let lost = redrawn[0].lost.as_deref().expect("a reason");
+        assert!(lost.contains("did not answer"), "{lost}");
     }
 
     #[test]
