@@ -32,6 +32,13 @@ pub fn processes_of(folder: &Path) -> Vec<u32> {
     ids.collect()
 }
 
+/// Returns whether a process stands still, as SIGSTOP has it.
+pub fn is_stopped(pid: u32) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    // The field behind the name.
+    stat.rsplit(") ").next().is_some_and(|rest| rest.starts_with('T'))
+}
+
 /// The arguments of a process; none where it is gone.
 pub fn arguments_of(pid: u32) -> Vec<String> {
     let bytes = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();

@@ -1,5 +1,5 @@
 //! Two managers of one wall: one leads, and the other takes over when the first is killed or
-//! stopped, with all that was acknowledged.
+//! stopped, with all that was acknowledged; and clients go over to it.
 //!
 //! `POLYPTYCH_KILLS=200 cargo test --release --test it standby -- --nocapture` kills a leader 200
 //! times and prints how much was acknowledged, and how long the wall stood still.
@@ -10,14 +10,18 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use polyptych_client::blocking::Client;
-use polyptych_client::{Camera, ChannelState, ConnectOptions, Pacing, Quantiles, Wall};
+use polyptych_client::{
+    Camera, ChannelState, ClientError, ConnectOptions, Pacing, Quantiles, ReconnectPolicy, Request,
+    Wall,
+};
+use polyptych_protocol::limits::{CLIENT_HEARTBEAT_PERIOD, MANAGER_SILENCE_MAX};
 use rustix::process::Signal;
 
 use crate::harness::local_wall::{ANY_PORT, await_states, screen_of, small, start_server, tiled};
 use crate::harness::place::TestDir;
 use crate::harness::process::Process;
 use crate::harness::scenes::Gltf;
-use crate::harness::wait;
+use crate::harness::{signals, wait};
 use crate::manager_kills::{Driver, SCENES, Shown, await_moving, pictures_of_all, random_below};
 
 /// Kills in an ordinary run, each some seconds.
@@ -89,12 +93,18 @@ impl Pair {
         self.managers[1 - self.leader].await_line(&[&waits_for, "holds the lease"]);
     }
 
-    /// A client of the manager that leads, as soon as there is one.
-    fn client(&self) -> Client {
+    /// Returns the addresses of both, and the identity with which a client connects once.
+    fn options(&self) -> ConnectOptions {
         let mut options = ConnectOptions::new(self.addresses.join(","));
         options.token_file = Some(self.place.token_file());
         options.name = "test".into();
         options.reconnect = None;
+        options
+    }
+
+    /// A client of the manager that leads, as soon as there is one.
+    fn client(&self) -> Client {
+        let options = self.options();
         wait::until("a manager that leads", || Client::connect_with(options.clone()).ok())
     }
 
@@ -198,6 +208,50 @@ fn a_leader_that_was_stopped_for_a_while_commands_no_server_any_more() {
 fn first_ends(mut first: Process, leader: &str) {
     let said = first.finish(wait::LIMIT).failed(&["this manager leads no more", leader]);
     assert!(said.contains("term 2"), "{said}");
+}
+
+#[test]
+fn a_connected_client_leaves_a_leader_that_hangs_and_none_that_is_quiet() {
+    // A wall file with a longer heartbeat limit has clients wait for longer.
+    let pair = Pair::start(&tiled([2, 1], [480, 272]));
+    let reconnect = ReconnectPolicy { wait: wait::LIMIT, ..ReconnectPolicy::default() };
+    let options = ConnectOptions { reconnect: Some(reconnect), ..pair.options() };
+    let client = Client::connect_with(options).expect("it leads");
+    client.open_scene("left.glb").expect("opened");
+    let mut feedbacks = client.feedback().expect("a stream");
+    let epoch = client.epoch();
+    // Of a wall at rest that nobody asks there are heartbeats alone.
+    let quiet = MANAGER_SILENCE_MAX + CLIENT_HEARTBEAT_PERIOD;
+    assert_eq!(wait::look_for(quiet, || client.close_reason()), None, "the manager works");
+
+    pair.managers[0].signal(Signal::STOP);
+    let pid = pair.managers[0].pid();
+    wait::until("the leader stands still", || signals::is_stopped(pid).then_some(()));
+    let stopped = Instant::now();
+    let larger = Camera { scale: 2.0, ..Camera::IDENTITY };
+    let unanswered = client.submit(Request::SetCamera(larger)).expect("sent");
+    let error = wait::within("the end of the silence", || unanswered.wait()).expect_err("it hangs");
+    assert!(matches!(error, ClientError::ConnectionLost { .. }), "{error}");
+    assert!(error.to_string().contains("it has sent nothing for 5 s"), "{error}");
+    let status = client.status().expect("the other one answers");
+    println!("answered {} ms after the leader was stopped", stopped.elapsed().as_millis());
+    assert_eq!(status.leader.expect("a lease").term.0, 2);
+    assert_eq!(status.scene.as_deref(), Some("left"));
+    client.start_rendering(Pacing::Rate(60.0)).expect("running");
+    let reconnects = wait::within("a frame of the other one", move || {
+        while feedbacks.epoch() == epoch {
+            feedbacks.next().expect("the stream goes on");
+        }
+        feedbacks.reconnects()
+    });
+    assert_eq!(reconnects, 1, "it was left once");
+
+    pair.managers[0].signal(Signal::CONT);
+    let [first, mut second] = pair.managers;
+    first_ends(first, &pair.addresses[1]);
+    client.set_camera(larger).expect("the second goes on");
+    await_moving(&client);
+    assert!(!second.has_ended());
 }
 
 #[test]
