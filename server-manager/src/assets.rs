@@ -224,7 +224,8 @@ mod tests {
         };
         let mut sheared = node([1.0; 3], None);
         sheared.local.matrix3.z_axis = sheared.local.matrix3.x_axis * 0.5;
-        let instance = |scale| Instance { translation: Vec3::X, rotation: Quat::IDENTITY, scale };
+        let (translation, rotation) = (Vec3::X, Quat::IDENTITY);
+        let instance = |scale| Instance { translation, rotation, scale, crowd: 0.0 };
         sheared.instances = [Vec3::new(0.0, 1.0, 1.0), Vec3::ZERO].map(instance).into();
         let flat = node([3.0, 0.0, 1e-3], None);
         let nodes = vec![flat, sheared, node([0.0, 0.0, 1.0], None), node([1.0; 3], Some(2))];

@@ -62,6 +62,7 @@ impl Stage {
             translation: Vec3::X * x,
             rotation: Quat::from_rotation_z(x),
             scale: Vec3::new(1.0, -0.5, 2.0),
+            crowd: 0.0,
         };
         nodes.last_mut().expect("a place").instances = [0.5, 7.0].map(instance).into();
         let base = Scene { nodes, meshes: vec![mesh], ..Scene::default() };

@@ -53,7 +53,8 @@ pub use animation::{
 pub use deformation::Deformation;
 pub use depth_of_field::DepthOfField;
 pub use edit::{
-    AssetSet, Attribute, Edit, NewNode, NodeId, provisional_asset, provisional_asset_index,
+    AssetSet, AssetSetId, Attribute, Edit, NewNode, NodeId, provisional_asset,
+    provisional_asset_index,
 };
 pub use environment_map::EnvironmentMap;
 pub use features::SceneFeatures;
@@ -152,8 +153,16 @@ pub struct Node {
     pub instances: Vec<Instance>,
     /// How far the meshes of about its size that touch it in the file, and touch each other, reach
     /// from its middle, in radii of the mesh: more than 1, or 0 for one that stands alone. They are
-    /// one surface, which is left out as small only as a whole.
+    /// one surface, which is left out as small only as a whole. The largest of its copies, if it
+    /// has copies.
     pub crowd: f32,
+}
+
+impl Node {
+    /// The crowd of its mesh in one of its places, by the index of the copy.
+    pub fn crowd_of(&self, copy: usize) -> f32 {
+        self.instances.get(copy).map_or(self.crowd, |copy| copy.crowd)
+    }
 }
 
 /// One copy of a node's mesh, in the node's space.
@@ -165,6 +174,9 @@ pub struct Instance {
     pub rotation: Quat,
     /// Along the three axes.
     pub scale: Vec3,
+    /// Its own, as [`Node::crowd`]: of the copies of one node some may make up a wall, and others
+    /// stand alone.
+    pub crowd: f32,
 }
 
 /// A light of `KHR_lights_punctual`; it shines along −Z of its node.
@@ -446,7 +458,8 @@ mod tests {
             assert!(fault.contains(part), "{part:?} is not in {fault:?}");
         }
         let mut copies = scene(1, 2);
-        let one = Instance { translation: Vec3::ZERO, rotation: Quat::IDENTITY, scale: Vec3::ONE };
+        let (translation, rotation) = (Vec3::ZERO, Quat::IDENTITY);
+        let one = Instance { translation, rotation, scale: Vec3::ONE, crowd: 0.0 };
         copies.nodes[0].instances = vec![one; (1 << 20) + 1];
         assert!(copies.fault().is_some_and(|fault| fault.contains("2097154")));
     }

@@ -60,28 +60,32 @@ impl PlacedMesh {
     }
 }
 
-/// Sets the crowd of each node ([`polyptych_scene::Node::crowd`]): of the copy with the largest, if
-/// it has copies.
+/// Sets the crowd of each node and of each of its copies ([`polyptych_scene::Node::crowd`]).
 ///
 /// # Errors
 /// The bake was cancelled.
 pub(super) fn find(job: &BakeJob<'_>, scene: &mut Scene) -> Result<(), BakeError> {
-    let (mut placed, mut nodes) = (Vec::new(), Vec::new());
+    let (mut placed, mut places) = (Vec::new(), Vec::new());
     let boxes: Vec<_> = scene.meshes.iter().map(whole).collect();
     for ((node, at), world) in scene.nodes.iter().zip(0_u32..).zip(scene.world_from_nodes()) {
         let Some(mesh) = node.mesh.and_then(|mesh| *boxes.get(mesh as usize)?) else { continue };
-        let mut add = |world: DAffine3| {
+        let mut add = |copy: u32, world: DAffine3| {
             placed.push(PlacedMesh::new(world, mesh.0));
-            nodes.push(at);
+            places.push((at, copy));
         };
         if node.instances.is_empty() {
-            add(world);
+            add(0, world);
         }
-        node.instances.iter().for_each(|copy| add(world * place_of(copy)));
+        for (copy, of) in (0..).zip(&node.instances) {
+            add(copy, world * place_of(of));
+        }
     }
-    for (node, ratio) in nodes.into_iter().zip(ratios(&placed, || job.check())?) {
-        let crowd = &mut scene.nodes[node as usize].crowd;
-        *crowd = crowd.max(ratio);
+    for ((node, copy), ratio) in places.into_iter().zip(ratios(&placed, || job.check())?) {
+        let node = &mut scene.nodes[node as usize];
+        node.crowd = node.crowd.max(ratio);
+        if let Some(copy) = node.instances.get_mut(copy as usize) {
+            copy.crowd = ratio;
+        }
     }
     Ok(())
 }

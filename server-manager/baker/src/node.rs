@@ -56,7 +56,7 @@ pub(super) fn read(job: &mut BakeJob<'_>, clips: &ClipTargets) -> Result<Placed,
     let mut is_seen = vec![false; json.len()];
     let mut placed = Placed { place_of: vec![None; json.len()], ..Placed::default() };
     let mut skinned = Vec::new();
-    // Each copy is a draw at least, and 40 bytes of the manifest.
+    // Each copy is a draw at least, and 44 bytes of the manifest.
     let mut instances_left = DRAWS_MAX as usize;
     let mut stack: Vec<(u32, Option<u32>, bool)> =
         roots.iter().rev().map(|&r| (r, None, false)).collect();
@@ -262,7 +262,7 @@ fn convert(
         _ => Vec::new(),
     };
     let local = local(node, &place)?;
-    // Which crowd it is in is found once all nodes are there.
+    // Which crowd it is in, and its copies, is found once all nodes are there.
     Ok(Node { name: node.name.clone(), parent, local, mesh, light, instances, crowd: 0.0 })
 }
 
@@ -334,6 +334,7 @@ fn instances(
             translation: translations.as_ref().map_or(Vec3::ZERO, |values| values[i].into()),
             rotation,
             scale: scales.as_ref().map_or(Vec3::ONE, |values| values[i].into()),
+            crowd: 0.0,
         })
     };
     (0..count.unwrap_or(0)).map(one).collect()

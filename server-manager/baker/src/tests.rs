@@ -312,6 +312,30 @@ fn copies_and_nodes_in_a_row_are_one_crowd_and_what_is_apart_is_none() {
 }
 
 #[test]
+fn each_copy_of_a_node_has_its_own_crowd() {
+    let mut builder = Builder::quad();
+    // A row of twenty, five that stand alone, and a small one.
+    let mut places: Vec<f32> = (0..20_u8).flat_map(|at| [f32::from(at), 0.0, 0.0]).collect();
+    places.extend((0..6_u8).flat_map(|at| [f32::from(at) * 10.0, 0.0, 50.0]));
+    let mut scales = vec![1.0; places.len()];
+    scales[75..].fill(0.001);
+    let [places, scales] = [places, scales].map(|of| builder.floats("VEC3", &of));
+    builder.json["nodes"][0]["extensions"] = json!({ "EXT_mesh_gpu_instancing": {
+        "attributes": { "TRANSLATION": places, "SCALE": scales }
+    } });
+    builder.json["extensionsUsed"] = json!(["EXT_mesh_gpu_instancing"]);
+    let (_place, _, scene) = bake_builder(&builder);
+    let node = &scene.nodes[0];
+    let crowds: Vec<f32> = node.instances.iter().map(|copy| copy.crowd).collect();
+    // From the middle of a mesh whose radius is 0.71 to the end of the row: 10.5 to 19.5 units.
+    assert!(crowds[..20].iter().all(|crowd| (14.0..29.0).contains(crowd)), "{crowds:?}");
+    assert!(crowds[0] > 1.3 * crowds[10], "it reaches farther from its ends: {crowds:?}");
+    assert_eq!(crowds[20..], [0.0; 6]);
+    let largest = crowds.iter().copied().fold(0.0, f32::max);
+    assert_eq!((node.crowd, node.crowd_of(25), node.crowd_of(26)), (largest, 0.0, largest));
+}
+
+#[test]
 fn lights_are_brought_into_range() {
     let mut builder = Builder::triangle();
     let lights = json!([

@@ -89,6 +89,7 @@ fn vertices_with_a_zero_of_their_own_hang_from_their_node() {
         translation: Vec3::X,
         rotation: Quat::from_rotation_z(1.0),
         scale: Vec3::splat(2.0),
+        crowd: 0.0,
     };
     let stored = Stored::new(
         |store| {

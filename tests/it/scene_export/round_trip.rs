@@ -308,6 +308,7 @@ fn node(random: &mut Rng, scene: &mut Scene) {
         translation: vector(random),
         rotation: Quat::from_axis_angle(direction(random), 0.8),
         scale: vector(random),
+        crowd: 0.0,
     };
     let instances = (0..count).map(|_| instance(random)).collect();
     let (name_of, local) = (name(random), local(random));

@@ -85,8 +85,8 @@ pub fn scene() -> Scene {
         extensions: Some(Box::new(extensions(texture))),
         ..Material::default()
     };
-    let instance =
-        Instance { translation: Vec3::X, rotation: Quat::IDENTITY, scale: Vec3::splat(2.0) };
+    let (translation, rotation) = (Vec3::X, Quat::IDENTITY);
+    let instance = Instance { translation, rotation, scale: Vec3::splat(2.0), crowd: 1.5 };
     let node = |parent, light, instances| Node {
         name: "node".into(),
         parent,

@@ -274,7 +274,7 @@ fn another_mesh_is_drawn_in_each_place_of_its_node() {
     let mut base = base();
     let copies = crate::limits::DRAWS_MAX / 4 + 1;
     let (translation, rotation, scale) = (Vec3::ZERO, glam::Quat::IDENTITY, Vec3::ONE);
-    let copy = crate::Instance { translation, rotation, scale };
+    let copy = crate::Instance { translation, rotation, scale, crowd: 0.0 };
     base.nodes[0].instances = vec![copy; copies as usize];
     let primitives = vec![triangle("wall", None); 4];
     base.meshes.push(Mesh { primitives, ..Mesh::default() });

@@ -153,7 +153,7 @@ pub(crate) struct DrawItem {
     pub mesh_box: u32,
     /// The place of its node in the scene's tree.
     pub place: u32,
-    /// See [`polyptych_scene::Node::crowd`]; 1 at least.
+    /// See [`polyptych_scene::Node::crowd_of`]; 1 at least.
     pub crowd: f32,
 }
 
@@ -200,6 +200,8 @@ pub(crate) fn relative_to(
 pub(crate) struct PrimitiveInstance<'a> {
     /// An index into the scene's nodes.
     pub node: usize,
+    /// The index of the copy; 0 if the node has none.
+    pub copy: usize,
     pub mesh: u32,
     /// An index into the mesh's primitives.
     pub primitive: u32,
@@ -278,11 +280,12 @@ impl<'a> PlacedMesh<'a, '_> {
         stances: &mut Vec<Stance>,
         mut give: impl FnMut(PrimitiveInstance<'a>) -> Result<(), E>,
     ) -> Result<(), E> {
-        let mut stand = |world_from_mesh: &DAffine3| {
+        let mut stand = |copy: usize, world_from_mesh: &DAffine3| {
             let stance = Stance::new(world_from_mesh.matrix3, self.billboard);
             for (primitive, desc) in (0..).zip(self.primitives) {
                 give(PrimitiveInstance {
                     node: self.node,
+                    copy,
                     mesh: self.mesh,
                     primitive,
                     origin: world_from_mesh.transform_point3(desc.origin),
@@ -297,15 +300,15 @@ impl<'a> PlacedMesh<'a, '_> {
             Ok(())
         };
         if self.instances.is_empty() {
-            stand(world_from_node)?;
+            stand(0, world_from_node)?;
         }
-        for instance in self.instances {
+        for (copy, instance) in self.instances.iter().enumerate() {
             let node_from_instance = DAffine3::from_scale_rotation_translation(
                 instance.scale.as_dvec3(),
                 instance.rotation.as_dquat(),
                 instance.translation.as_dvec3(),
             );
-            stand(&(*world_from_node * node_from_instance))?;
+            stand(copy, &(*world_from_node * node_from_instance))?;
         }
         Ok(())
     }

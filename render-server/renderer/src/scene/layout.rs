@@ -126,7 +126,7 @@ impl SceneLayout {
                 batch: sorter.batch_of_moving(&desc, look, &placement, traits),
                 mesh_box: primitive as u32,
                 place: places[placement.node],
-                crowd: desc.nodes[placement.node].crowd.max(1.0),
+                crowd: desc.nodes[placement.node].crowd_of(placement.copy).max(1.0),
             });
             bounds.push(placement.bounds);
             Ok(())

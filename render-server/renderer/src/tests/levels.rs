@@ -3,8 +3,8 @@
 
 use std::collections::BTreeSet;
 
-use glam::{DAffine3, DMat4, DVec2, DVec3, DVec4, Vec4};
-use polyptych_scene::{AlphaMode, Material, Primitive};
+use glam::{DAffine3, DMat4, DVec2, DVec3, DVec4, Quat, Vec3, Vec4};
+use polyptych_scene::{AlphaMode, Instance, Material, Primitive};
 
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, drawn, look, matt,
@@ -366,6 +366,30 @@ fn a_small_item_of_a_large_crowd_is_drawn() {
     let (visible, together) = drawn(2.0);
     assert!(visible == 0 && (1.9..2.1).contains(&(together / alone)), "{visible}, {together}");
     assert_eq!(drawn(10.0), (1, 0.0));
+}
+
+#[test]
+fn a_copy_in_a_large_crowd_is_drawn_and_one_that_stands_alone_is_not() {
+    let mut stage = SceneFixture::new();
+    let mesh = stage.mesh(&MeshFixture::rectangle(0.5, 0.5), None);
+    let node = stage.node(mesh, DAffine3::from_translation(DVec3::new(0.0, 0.0, -100.0)));
+    let copy = |(x, crowd): (f32, f32)| Instance {
+        translation: Vec3::X * x,
+        rotation: Quat::IDENTITY,
+        scale: Vec3::ONE,
+        crowd,
+    };
+    // The largest, and that of the second; 1.4 units each, where 3 are allowed.
+    let node = &mut stage.desc.nodes[node as usize];
+    node.crowd = 10.0;
+    node.instances = [(-9.0, 0.0), (0.0, 10.0), (9.0, 2.0)].map(copy).into();
+    let view = look(DVec3::ZERO, DVec3::NEG_Z, SIZE);
+    let view = allowing(AllowedError { angle_rad: 0.03, length: 0.0, ..AllowedError::NONE }, &view);
+    let scene = stage.build();
+    let drawn = draw_sampled(&scene, SIZE, 1, std::slice::from_ref(&view)).1;
+    assert_eq!((drawn.visible, drawn.culled), (1, 2));
+    let exact = draw_sampled(&scene, SIZE, 1, &[allowing(AllowedError::NONE, &view)]).1;
+    assert_eq!((exact.visible, exact.culled), (3, 0), "all can be seen");
 }
 
 /// A plan of this height, with the distances that parallel rays show of an error.

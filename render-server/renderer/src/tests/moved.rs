@@ -73,6 +73,7 @@ fn scene(nodes: &[Described], lamps: &[([i8; 3], u8)]) -> SceneFixture {
             translation: Vec3::X * f32::from(of),
             rotation: Quat::IDENTITY,
             scale: Vec3::ONE,
+            crowd: 0.0,
         };
         stage.desc.nodes.push(Node {
             parent: parent.filter(|_| index > 0).map(|parent| u32::from(parent) % index.max(1)),

@@ -99,6 +99,7 @@ fn instances_equal_separate_nodes() {
             translation: Vec3::new((i * 0.7).sin() * 3.0, (i * 1.3).cos() * 2.0, -i * 0.3),
             rotation: Quat::from_rotation_y(i),
             scale: Vec3::new(0.3, if i % 3.0 == 0.0 { -0.4 } else { 0.2 }, 0.3),
+            crowd: 0.0,
         }
     });
     let places: Vec<Instance> = places.collect();

@@ -287,7 +287,7 @@ fn a_heavy_scene_leaves_its_memory_when_another_one_is_drawn() {
         let mesh = stage.mesh(&MeshFixture::rectangle(0.01, 0.01), None);
         let node = stage.node(mesh, DAffine3::IDENTITY) as usize;
         let (rotation, scale) = (glam::Quat::IDENTITY, Vec3::ONE);
-        let copy = Instance { translation: Vec3::ZERO, rotation, scale };
+        let copy = Instance { translation: Vec3::ZERO, rotation, scale, crowd: 0.0 };
         stage.desc.nodes[node].instances = vec![copy; copies];
         stage.build()
     };

@@ -164,6 +164,7 @@ fn places_of_convex_meshes_stay_one_draw() {
         translation: Vec3::new(0.0, 0.0, -(index as f32)),
         rotation: glam::Quat::IDENTITY,
         scale: Vec3::splat(0.3),
+        crowd: 0.0,
     };
     let instances = (0..20).map(place).collect();
     stage.desc.nodes.push(Node { mesh, instances, ..Node::default() });
@@ -182,6 +183,7 @@ fn more_triangles_than_can_be_ordered_are_drawn_as_they_come() {
         translation: Vec3::new((index % 128) as f32, (index / 128) as f32, 0.0) * 9.0,
         rotation: glam::Quat::IDENTITY,
         scale: Vec3::ONE,
+        crowd: 0.0,
     };
     let of = |count: u32| (0..count).map(place).collect();
     for (count, draws) in [(16_384, 1), (16_385, 2)] {
