@@ -35,7 +35,8 @@ pub struct Transaction {
     pub is_temporary: bool,
     /// Meshes, materials and textures that come with it. Its edits name them by
     /// [`polyptych_scene::provisional_asset`]. They stay for as long as anything of the scene uses
-    /// them.
+    /// them. A file that is added again has other numbers, and so materials of its own to change;
+    /// what it has in common with the first takes no memory again.
     pub assets: Option<NewAssets>,
 }
 

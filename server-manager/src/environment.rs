@@ -54,8 +54,8 @@ pub(crate) async fn bake(
 fn sun(store: &BlobStore, manifest: BlobHash, edits: &SceneEdits) -> Option<DVec3> {
     let base = import::read_scene(store, manifest).ok()?;
     let mut added = AssetManifests::new();
-    for set in edits.assets() {
-        added.insert(set.manifest, import::read_scene(store, set.manifest).ok()?.into());
+    for asset in edits.asset_manifests() {
+        added.insert(asset, import::read_scene(store, asset).ok()?.into());
     }
     let (scene, _) = edits.apply_to(&base, &added);
     first_sun(&scene)

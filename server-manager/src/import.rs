@@ -177,8 +177,8 @@ pub(crate) fn read_edited(
     EditedScene { scene, edits, next_node }: EditedScene,
 ) -> Result<Import, String> {
     let mut import = read_manifest(folder, scene.manifest)?;
-    for set in edits.assets() {
-        import.blobs.extend(read_manifest(folder, set.manifest)?.blobs);
+    for manifest in edits.asset_manifests() {
+        import.blobs.extend(read_manifest(folder, manifest)?.blobs);
     }
     import.scene.summary.name.clone_from(&scene.name);
     import.scene.scene.name = scene.name;

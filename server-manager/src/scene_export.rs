@@ -53,8 +53,8 @@ pub fn write(
     };
     let base = read_scene(store, scene.scene.manifest)?;
     let mut added = AssetManifests::new();
-    for set in scene.edits.assets() {
-        added.insert(set.manifest, Arc::new(read_scene(store, set.manifest)?));
+    for manifest in scene.edits.asset_manifests() {
+        added.insert(manifest, Arc::new(read_scene(store, manifest)?));
     }
     let (whole, ids) = scene.edits.apply_with_hidden(&base, &added);
     let (notes, hidden_at_rest) = (left_out(&base), base.animations.hidden_at_rest());

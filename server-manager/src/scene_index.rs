@@ -58,10 +58,10 @@ impl SceneIndex {
             return Ok(Arc::clone(known));
         }
         let mut added = AssetManifests::new();
-        for set in edits.assets() {
-            let read = known.as_ref().and_then(|known| known.added.get(&set.manifest)).cloned();
-            let read = read.map_or_else(|| read_scene(store, set.manifest).map(Arc::new), Ok)?;
-            added.insert(set.manifest, read);
+        for asset in edits.asset_manifests() {
+            let read = known.as_ref().and_then(|known| known.added.get(&asset)).cloned();
+            let read = read.map_or_else(|| read_scene(store, asset).map(Arc::new), Ok)?;
+            added.insert(asset, read);
         }
         let base = match known {
             Some(known) => Arc::clone(&known.base),

@@ -258,6 +258,37 @@ fn assets_that_cannot_be_are_refused_and_the_wall_stays() {
 }
 
 #[test]
+fn each_paints_only_its_own_of_a_file_that_two_have_added() {
+    let local = wall();
+    picture_of(&local, "post.glb");
+    let (ann, bob) = (local.client(), local.client());
+    let (assets, mesh) = cloth();
+    let add = |client: &polyptych_client::blocking::Client, x: f64| {
+        let mut transaction =
+            Transaction::default().with_assets(assets.to_source().expect("sound"));
+        let local = DAffine3::from_translation(DVec3::X * x);
+        transaction.create(NewNode { mesh: Some(mesh), local, ..NewNode::default() });
+        let edited = client.commit(transaction).expect("edited");
+        (edited.assets.expect("numbers").first_material, edited.created[0])
+    };
+    add(&bob, 0.1);
+    let (alone, bytes) = (picture(&local), scene_bytes(&bob));
+    let (paint, node) = add(&ann, -0.9);
+    assert_eq!(scene_bytes(&ann), bytes, "its mesh is there");
+    let both = picture(&local);
+    assert!(both != alone);
+    let mut green = Transaction::default();
+    let base_color = Vec4::new(0.1, 0.8, 0.2, 1.0);
+    green.set_material(paint, Material { base_color, double_sided: true, ..Assets::matt() });
+    ann.commit(green).expect("edited");
+    assert!(picture(&local) != both);
+    let mut gone = Transaction::default();
+    gone.remove(node);
+    ann.commit(gone).expect("edited");
+    check("the other's", &picture(&local), &alone, &IDENTICAL);
+}
+
+#[test]
 fn assets_of_a_client_that_is_gone_go_with_its_nodes() {
     let local = wall();
     let before = picture_of(&local, "post.glb");

@@ -44,6 +44,11 @@ impl fmt::Display for NodeId {
     }
 }
 
+/// One addition of assets to a scene: two of the same manifest have two. Others hardly ever share
+/// it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct AssetSetId(pub BlobHash);
+
 /// Meshes, materials and textures that were added to a scene: those of another manifest. They stay
 /// for as long as anything of the scene uses them.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -65,6 +70,13 @@ pub struct AssetSet {
 }
 
 impl AssetSet {
+    /// Its id: no two sets of a scene have the same first mesh.
+    pub fn id(&self) -> AssetSetId {
+        let mut name = self.manifest.0.to_vec();
+        name.extend(self.first_mesh.to_le_bytes());
+        AssetSetId(BlobHash::of(&name))
+    }
+
     /// The numbers of its meshes.
     pub fn mesh_range(&self) -> Range<u32> {
         self.first_mesh..self.first_mesh.saturating_add(self.primitives.len() as u32)
@@ -200,8 +212,8 @@ pub enum Edit {
     /// Adds meshes, materials and textures. No client can ask for it as such: the manager makes it
     /// of what a transaction brings.
     AddAssets(Box<AssetSet>),
-    /// Takes a set of them away, by the hash of its manifest; nothing uses it any more.
-    RemoveAssets(BlobHash),
+    /// Takes a set of them away; nothing uses it any more.
+    RemoveAssets(AssetSetId),
     /// Puts a node, with all that hangs from it and has no layer of its own, into a layer.
     SetLayer {
         /// The node.

@@ -179,7 +179,7 @@ impl SceneOutline {
             Edit::AddAssets(_) if edits.assets().count() >= ASSET_SETS_MAX => {
                 Err(EditError::TooLarge(format!(
                     "assets of {ASSET_SETS_MAX} transactions are in the scene already; put more \
-                     of them into one"
+                     of them into one, or show meshes that are there by their numbers"
                 )))
             }
             Edit::AddAssets(_) | Edit::RemoveAssets(_) | Edit::SetVariant(None) => Ok(()),

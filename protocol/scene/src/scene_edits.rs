@@ -3,19 +3,21 @@
 //! It knows nothing of the scene that it changes, so manager and servers fold alike, whatever each
 //! has of the scene. [`SceneEdits::apply_to`] makes the scene as it stands.
 
-use std::collections::{BTreeMap, BTreeSet};
+mod added_assets;
+
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::DAffine3;
 use polyptych_files::blob::BlobHash;
 use serde::{Deserialize, Serialize};
 
-use crate::edit::{AssetSet, Edit, NodeId};
+use crate::edit::{AssetSet, AssetSetId, Edit, NodeId};
 use crate::layers::Layers;
 use crate::measured::Measured;
 use crate::node_edits::NodeEdits;
 use crate::shared_map::SharedMap;
-use crate::{Animations, Light, Material, Mesh, Node, Scene};
+use crate::{Animations, Light, Material, Node, Scene};
 
 /// The manifests of assets that were added to a scene.
 pub type AssetManifests = BTreeMap<BlobHash, Arc<Scene>>;
@@ -26,8 +28,8 @@ pub type AssetManifests = BTreeMap<BlobHash, Arc<Scene>>;
 pub struct SceneEdits {
     nodes: SharedMap<NodeId, Arc<Measured<NodeEdits>>>,
     materials: SharedMap<u32, Arc<Measured<Material>>>,
-    /// Assets that were added, by manifest.
-    assets: SharedMap<BlobHash, Arc<Measured<AssetSet>>>,
+    /// Assets that were added.
+    assets: SharedMap<AssetSetId, Arc<Measured<AssetSet>>>,
     layers: Layers,
     /// The variant that is shown, by its name or number.
     variant: Option<String>,
@@ -43,7 +45,7 @@ pub struct SceneEdits {
 struct Entries {
     nodes: SharedMap<NodeId, NodeEdits>,
     materials: SharedMap<u32, Material>,
-    assets: SharedMap<BlobHash, AssetSet>,
+    assets: SharedMap<AssetSetId, AssetSet>,
     layers: Layers,
     variant: Option<String>,
     #[serde(rename = "fingerprint")]
@@ -83,13 +85,6 @@ enum Place {
     Unknown,
     Nowhere,
     At(u32),
-}
-
-/// Makes a list as long as this number says, if it is shorter.
-fn fill<T: Clone>(list: &mut Vec<T>, len: u32, filler: Option<T>) {
-    if let Some(filler) = filler.filter(|_| list.len() < len as usize) {
-        list.resize(len as usize, filler);
-    }
 }
 
 impl SceneEdits {
@@ -165,44 +160,9 @@ impl SceneEdits {
         self.nodes.iter().map(|(node, edits)| (*node, &edits.value))
     }
 
-    /// Returns the assets that were added.
-    pub fn assets(&self) -> impl Iterator<Item = &AssetSet> {
-        self.assets.values().map(|set| &set.value)
-    }
-
-    /// Returns the assets that were added with this manifest.
-    pub fn assets_of(&self, manifest: BlobHash) -> Option<&AssetSet> {
-        self.assets.get(&manifest).map(|set| &set.value)
-    }
-
     /// The layers of the scene.
     pub fn layers(&self) -> &Layers {
         &self.layers
-    }
-
-    /// Assets that nothing uses any more: no node shows one of their meshes, and no material that
-    /// was changed, of the scene or of assets in use, has one of their textures.
-    pub fn unused_assets(&self) -> Vec<BlobHash> {
-        if self.assets.is_empty() {
-            return Vec::new();
-        }
-        let of_nodes = self.nodes().filter_map(|(_, of)| of.given_mesh());
-        let meshes: BTreeSet<u32> = of_nodes.collect();
-        let is_hidden = |set: &&AssetSet| meshes.range(set.mesh_range()).next().is_none();
-        let mut unused: Vec<&AssetSet> = self.assets().filter(is_hidden).collect();
-        loop {
-            let before = unused.len();
-            // What nobody sees keeps no textures, not even its own.
-            let is_shown =
-                |material: u32| !unused.iter().any(|set| set.material_range().contains(&material));
-            let shown = self.materials.iter().filter(|(material, _)| is_shown(**material));
-            let textures = shown.flat_map(|(_, to)| to.value.textures()).map(|of| of.texture);
-            let textures: BTreeSet<u32> = textures.collect();
-            unused.retain(|set| textures.range(set.texture_range()).next().is_none());
-            if unused.len() == before {
-                return unused.into_iter().map(|set| set.manifest).collect();
-            }
-        }
     }
 
     /// Applies the next edit.
@@ -214,13 +174,13 @@ impl SceneEdits {
                 self.discount(old.as_deref());
             }
             Edit::AddAssets(set) => {
-                let manifest = set.manifest;
-                let new = self.added(Measured::new(&manifest, *set));
-                let old = self.assets.insert(manifest, new);
+                let id = set.id();
+                let new = self.added(Measured::new(&id, *set));
+                let old = self.assets.insert(id, new);
                 self.discount(old.as_deref());
             }
-            Edit::RemoveAssets(manifest) => {
-                let old = self.assets.remove(&manifest);
+            Edit::RemoveAssets(id) => {
+                let old = self.assets.remove(&id);
                 self.discount(old.as_deref());
                 // The next assets may get the numbers.
                 let range = old.map_or(0..0, |set| set.value.material_range());
@@ -306,7 +266,8 @@ impl SceneEdits {
     /// chosen by a switch, and what hangs from it, is left out; what hidden layers have is not,
     /// since views may show it ([`Self::traits`]). Parents stand before their children, and
     /// otherwise nodes in the order of their numbers. Added meshes whose manifest is not given are
-    /// empty.
+    /// empty. Meshes of one file that was added several times share those of its materials that
+    /// were not changed.
     pub fn apply_to(&self, base: &Scene, added: &AssetManifests) -> (Scene, Vec<NodeId>) {
         self.applied(base, added, false)
     }
@@ -351,43 +312,6 @@ impl SceneEdits {
         }
         let ids = self.placed(base, &mut scene, with_hidden);
         (scene, ids)
-    }
-
-    /// The meshes of the scene, and those that were added behind them.
-    pub fn all_meshes(&self, base: &Scene, added: &AssetManifests) -> Vec<Mesh> {
-        let mut scene = Scene { meshes: base.meshes.clone(), ..Scene::default() };
-        self.add_assets(&mut scene, added);
-        scene.meshes
-    }
-
-    /// Puts what was added to its places behind what a scene has. Numbers that nothing has are
-    /// those of a mesh without primitives, of a default material, and of a texture that is there
-    /// anyway.
-    fn add_assets(&self, scene: &mut Scene, added: &AssetManifests) {
-        let mut sets: Vec<&AssetSet> = self.assets().collect();
-        sets.sort_by_key(|set| (set.first_mesh, set.first_material, set.first_texture));
-        for set in sets {
-            let Some(from) = added.get(&set.manifest) else { continue };
-            let filler = from.textures.first().or(scene.textures.first()).cloned();
-            let first_texture = if from.textures.is_empty() { 0 } else { set.first_texture };
-            fill(&mut scene.meshes, set.first_mesh, Some(Mesh::default()));
-            fill(&mut scene.materials, set.first_material, Some(Material::default()));
-            fill(&mut scene.textures, first_texture, filler);
-            scene.textures.extend(from.textures.iter().cloned());
-            scene.materials.extend(from.materials.iter().cloned().map(|mut material| {
-                for of in material.textures_mut() {
-                    of.texture = of.texture.saturating_add(set.first_texture);
-                }
-                material
-            }));
-            scene.meshes.extend(from.meshes.iter().cloned().map(|mut mesh| {
-                for primitive in &mut mesh.primitives {
-                    let number = |material: u32| material.saturating_add(set.first_material);
-                    primitive.material = primitive.material.map(number);
-                }
-                mesh
-            }));
-        }
     }
 
     /// The nodes as they stand, hidden ones too, and the number of each. Their lights are indices

@@ -5,9 +5,7 @@ use std::sync::Arc;
 use polyptych_protocol::state_log::{Replica, SceneRef};
 use polyptych_renderer::{ContentPlace, SceneLayout};
 use polyptych_scene::residency::{MeshWeights, SeenFrom};
-use polyptych_scene::{
-    AssetManifests, AssetSet, Motion, NodeTraits, PlacedNodes, Scene, SceneFeatures,
-};
+use polyptych_scene::{AssetManifests, Motion, NodeTraits, PlacedNodes, Scene, SceneFeatures};
 use polyptych_wall::MemoryBudget;
 use polyptych_wall::camera::Camera;
 
@@ -71,10 +69,10 @@ impl Loader {
             None => Arc::new(self.manifest(scene.manifest, &scene.name, line)?),
         };
         let mut added = AssetManifests::new();
-        for AssetSet { manifest, .. } in replica.edits.assets() {
-            let known = before.and_then(|ready| ready.added.get(manifest)).cloned();
-            let read = || self.manifest(*manifest, "what was added", line).map(Arc::new);
-            added.insert(*manifest, known.map_or_else(read, Ok)?);
+        for manifest in replica.edits.asset_manifests() {
+            let known = before.and_then(|ready| ready.added.get(&manifest)).cloned();
+            let read = || self.manifest(manifest, "what was added", line).map(Arc::new);
+            added.insert(manifest, known.map_or_else(read, Ok)?);
         }
         if let Some(before) = before
             && let Some(kept) = self.kept_scene(before, version, &added, replica)?

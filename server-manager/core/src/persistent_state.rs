@@ -114,8 +114,8 @@ fn lasting(all: &SceneEdits, temporary: &[NodeId]) -> SceneEdits {
             edits.apply(Edit::Remove(node));
         }
     }
-    for manifest in edits.unused_assets() {
-        edits.apply(Edit::RemoveAssets(manifest));
+    for unused in edits.unused_assets() {
+        edits.apply(Edit::RemoveAssets(unused));
     }
     edits
 }

@@ -170,9 +170,7 @@ impl SceneEditing {
         let first = self.next_node.max(outline.nodes());
         let (mut created, mut numbered) = (Vec::new(), Vec::with_capacity(edits.len() + 1));
         let assets = assets.map(|assets| self.place_assets(outline, assets)).transpose()?;
-        if let Some(set) = &assets
-            && self.accepted.assets_of(set.manifest).is_none()
-        {
+        if let Some(set) = &assets {
             let edit = Edit::AddAssets(Box::new(set.clone()));
             self.accepted.apply(edit.clone());
             numbered.push(edit);
@@ -237,32 +235,30 @@ impl SceneEditing {
             self.accepted.apply(edit.clone());
         }
         let added = match numbered.first() {
-            Some(Edit::AddAssets(set)) => Some(set.manifest),
+            Some(Edit::AddAssets(set)) => Some(set.id()),
             _ => None,
         };
-        for manifest in self.accepted.unused_assets() {
-            if added == Some(manifest) {
+        for unused in self.accepted.unused_assets() {
+            if added == Some(unused) {
                 return Err(
                     "nothing of the scene would use the assets that it brings; let a node \
                             show one of their meshes"
                         .to_owned(),
                 );
             }
-            self.accepted.apply(Edit::RemoveAssets(manifest));
-            follows.push(Edit::RemoveAssets(manifest));
+            self.accepted.apply(Edit::RemoveAssets(unused));
+            follows.push(Edit::RemoveAssets(unused));
         }
         numbered.extend(follows);
         outline.check_size(&self.accepted).map_err(|error| error.to_string())
     }
 
-    /// The places of the assets of a transaction; those where they are, if they are there.
+    /// The places of the assets of a transaction: numbers of their own, also where the same file
+    /// was added before, since who added that may change its materials.
     fn place_assets(&self, outline: &SceneOutline, assets: NewAssets) -> Result<AssetSet, String> {
         let AssetSource::Baked(baked) = assets.source else {
             return Err("its assets were not read yet".to_owned());
         };
-        if let Some(known) = self.accepted.assets_of(baked.manifest) {
-            return Ok(known.clone());
-        }
         let BakedAssets { manifest, primitives, materials, textures, .. } = baked;
         let counts = [materials, textures];
         let set = outline.place_assets(&self.accepted, manifest, primitives, counts);

@@ -102,8 +102,8 @@ fn allow_assets(
     folder: &BlobStore,
     allowed: &BlobAllowlist,
 ) -> Result<(), String> {
-    for set in memory.edits.assets() {
-        let added = import::read_manifest(folder, set.manifest)?;
+    for manifest in memory.edits.asset_manifests() {
+        let added = import::read_manifest(folder, manifest)?;
         allowed.allow(&added.blobs);
     }
     Ok(())

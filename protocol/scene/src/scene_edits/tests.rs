@@ -1,6 +1,6 @@
 //! Edits against a model that keeps every node with its children, and what they leave behind.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{Affine2, DVec3, Vec3};
 use proptest::prelude::*;
@@ -8,8 +8,8 @@ use proptest::prelude::*;
 use super::*;
 use crate::NewNode;
 use crate::{
-    IndexFormat, LightKind, Primitive, Sampler, SceneOutline, Texture, TextureFormat, TextureRef,
-    Topology, VertexLayout,
+    IndexFormat, LightKind, Mesh, Primitive, Sampler, SceneOutline, Texture, TextureFormat,
+    TextureRef, Topology, VertexLayout,
 };
 
 /// Two roots, the first with two children, of which the first has one.
@@ -349,22 +349,93 @@ fn added_assets_stand_at_their_numbers_whatever_was_there_before() {
     };
     assert_eq!(names(&edits), "a,a,b,c,c,c");
     let before = (edits.fingerprint(), edits.bytes());
-    let again = edits.assets_of(BlobHash::of(b"a")).expect("there").clone();
-    edits.apply(Edit::RemoveAssets(BlobHash::of(b"a")));
+    let set_of = |edits: &SceneEdits, name: &[u8]| {
+        edits.assets().find(|set| set.manifest == BlobHash::of(name)).expect("there").clone()
+    };
+    let again = set_of(&edits, b"a");
+    edits.apply(Edit::RemoveAssets(again.id()));
     assert_eq!(names(&edits), ",,b,c,c,c", "the others keep their numbers");
     edits.apply(Edit::AddAssets(again.into()));
     assert_eq!((edits.fingerprint(), edits.bytes()), before);
-    let of_c = edits.assets_of(BlobHash::of(b"c")).expect("there").clone();
+    let of_c = set_of(&edits, b"c");
     let own = TextureRef { texture: of_c.first_texture, ..textured() };
     let own = Material { base_color_texture: Some(own), ..Material::default() };
     edits.apply(Edit::SetMaterial { material: of_c.first_material, to: own.into() });
     assert_eq!(edits.unused_assets().len(), 3, "what is not shown keeps none of its textures");
-    edits.apply(Edit::RemoveAssets(BlobHash::of(b"c")));
+    edits.apply(Edit::RemoveAssets(of_c.id()));
     assert!(!edits.has_material(of_c.first_material), "what comes next is as it is");
     assert_eq!(names(&edits), "a,a,b");
     assert_eq!(edits.unused_assets().len(), 2, "no node shows any");
     let shown = NewNode { mesh: Some(2), ..NewNode::default() };
     edits.apply(Edit::Create { node: NodeId(5), new: shown.into() });
-    assert_eq!(edits.unused_assets(), [BlobHash::of(b"a")]);
+    assert_eq!(edits.unused_assets(), [set_of(&edits, b"a").id()]);
     assert_eq!(edits.apply_to(&base(), &AssetManifests::new()).0.meshes.len(), 0, "none is read");
+}
+
+/// A file of two materials and of a mesh that has both, which stands in a crowd.
+fn painted() -> Scene {
+    let material = |name: &str| Material { name: name.into(), ..Material::default() };
+    let primitives = vec![triangle("wall", Some(0)), triangle("sill", Some(1))];
+    let node = |crowd: f32| Node { mesh: Some(0), crowd, ..Node::default() };
+    Scene {
+        nodes: vec![node(12.0), node(30.0), node(0.0)],
+        meshes: vec![Mesh { primitives, ..Mesh::default() }],
+        materials: ["red", "white"].map(material).to_vec(),
+        ..Scene::default()
+    }
+}
+
+/// So many additions of one file, each with a node that shows its mesh.
+fn added_times(base: &Scene, file: &Scene, times: u64) -> (SceneEdits, AssetManifests) {
+    let (outline, manifest) = (SceneOutline::from(base), BlobHash::of(b"painted"));
+    let mut edits = SceneEdits::default();
+    for at in 0..times {
+        let counts = [file.materials.len() as u32, file.textures.len() as u32];
+        let primitives = file.meshes.iter().map(|mesh| mesh.primitives.len() as u32).collect();
+        let set = outline.place_assets(&edits, manifest, primitives, counts).expect("room");
+        let new = NewNode { mesh: Some(set.first_mesh), ..NewNode::default() };
+        edits.apply(Edit::AddAssets(set.into()));
+        let node = NodeId(base.nodes.len() as u64 + at);
+        edits.apply(Edit::Create { node, new: new.into() });
+    }
+    (edits, AssetManifests::from([(manifest, Arc::new(file.clone()))]))
+}
+
+#[test]
+fn a_file_that_is_added_again_has_materials_of_its_own_to_change() {
+    let (base, file) = (base(), painted());
+    let (mut edits, manifests) = added_times(&base, &file, 3);
+    assert_eq!((edits.assets().count(), edits.asset_manifests().len()), (3, 1));
+    // The names of the materials with which each of the three nodes is drawn, and their number.
+    let drawn = |edits: &SceneEdits| {
+        let (scene, _) = edits.apply_to(&base, &manifests);
+        assert_eq!(scene.fault(), None);
+        let mut used = BTreeSet::new();
+        let mut looks = |node: &Node| {
+            let mesh = &scene.meshes[node.mesh.expect("a mesh") as usize];
+            let materials = mesh.primitives.iter().map(|of| of.material.expect("one") as usize);
+            let materials: Vec<usize> = materials.collect();
+            used.extend(materials.iter().copied());
+            materials.iter().map(|at| scene.materials[*at].name.as_str()).collect::<String>()
+        };
+        let looks: Vec<String> = scene.nodes[base.nodes.len()..].iter().map(&mut looks).collect();
+        (looks.join(" "), used.len())
+    };
+    assert_eq!(drawn(&edits), ("redwhite redwhite redwhite".into(), 2), "drawn together");
+    let paint = |edits: &mut SceneEdits, material: u32, name: &str| {
+        let to = Material { name: name.into(), ..Material::default() };
+        edits.apply(Edit::SetMaterial { material, to: to.into() });
+    };
+    let firsts: Vec<u32> = edits.sets_in_order().iter().map(|set| set.first_material).collect();
+    assert_eq!(firsts, [2, 4, 6]);
+    paint(&mut edits, firsts[0], "blue");
+    assert_eq!(drawn(&edits), ("bluewhite redwhite redwhite".into(), 3));
+    paint(&mut edits, firsts[2] + 1, "black");
+    assert_eq!(drawn(&edits), ("bluewhite redwhite redblack".into(), 4));
+    // One goes, and the others stay as they are; what comes then is as in the file.
+    let gone = edits.sets_in_order()[0].id();
+    edits.apply(Edit::Remove(NodeId(base.nodes.len() as u64)));
+    assert_eq!(edits.unused_assets(), [gone]);
+    edits.apply(Edit::RemoveAssets(gone));
+    assert_eq!(drawn(&edits), ("redwhite redblack".into(), 3));
 }

@@ -68,9 +68,9 @@ impl Cluster {
                 remove(&mut editing.accepted, node);
             }
         }
-        for manifest in editing.accepted.unused_assets() {
-            editing.accepted.apply(Edit::RemoveAssets(manifest));
-            edits.push(Edit::RemoveAssets(manifest));
+        for unused in editing.accepted.unused_assets() {
+            editing.accepted.apply(Edit::RemoveAssets(unused));
+            edits.push(Edit::RemoveAssets(unused));
         }
         for target in edits.iter().filter_map(Target::of) {
             editing.changed.insert(target, None);

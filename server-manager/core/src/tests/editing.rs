@@ -5,7 +5,9 @@ use polyptych_files::blob::BlobHash;
 use polyptych_protocol::environment::{Environment, EnvironmentSource};
 use polyptych_protocol::feedback::Edited;
 use polyptych_protocol::transaction::{AssetSource, BakedAssets, Transaction};
-use polyptych_scene::{Edit, NewNode, Node, NodeId, Scene, SceneOutline, provisional_asset};
+use polyptych_scene::{
+    AssetSetId, Edit, NewNode, Node, NodeId, Scene, SceneOutline, provisional_asset,
+};
 
 use super::super::scene_editing::TRANSACTIONS_MAX;
 use super::*;
@@ -121,7 +123,7 @@ fn an_edit_that_cannot_be_takes_its_transaction_with_it() {
         (Edit::SetMesh { node: TREE, mesh: Some(0) }, "no mesh 0; the scene's file has 0"),
         (Edit::SetName { node: TREE, name: "n".repeat(1 << 20) }, "1048576 bytes, where 256"),
         (Edit::Create { node: NodeId(7), new: Box::default() }, "where new node 0 is next"),
-        (Edit::RemoveAssets(BlobHash([0; 32])), "assets come beside the edits"),
+        (Edit::RemoveAssets(AssetSetId(BlobHash([0; 32]))), "assets come beside the edits"),
     ];
     for (edit, part) in cases {
         let edits = vec![Edit::SetTransform { node: TREE, local: at(1.0) }, edit];
@@ -360,7 +362,7 @@ fn assets_have_numbers_behind_all_others_and_go_when_nothing_uses_them() {
     let (second, _) = numbers(&mut stage, bringing(2, 1));
     assert_eq!((first, second), (Some((0, 0)), Some((2, 1))));
     let (again, other) = numbers(&mut stage, bringing(1, 2));
-    assert_eq!(again, first, "the same bytes are there once");
+    assert_eq!(again, Some((3, 2)), "materials of its own, though the bytes are there once");
     let held = |stage: &ClusterFixture| {
         let shown = &stage.cluster.shown.edits;
         (shown.assets().count(), shown.clone() == stage.replicas[&SessionId(0)].edits)
@@ -371,7 +373,7 @@ fn assets_have_numbers_behind_all_others_and_go_when_nothing_uses_them() {
         stage.edit(gone);
         stage.prepare_all();
         stage.draw(&[0], 1_000);
-        assert_eq!(held(&stage), (left, true), "one that is shown twice stays");
+        assert_eq!(held(&stage), (left, true), "each goes with its own node");
     }
     let idle = Transaction { edits: Vec::new(), ..bringing(3, 1) };
     assert!(stage.refusal(idle).contains("nothing of the scene would use the assets"));

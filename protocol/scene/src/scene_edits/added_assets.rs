@@ -1,0 +1,126 @@
+//! Assets that were added to a scene: their numbers, what uses them, and their place in the scene.
+//!
+//! Each addition has numbers of its own, also where the same file was added before: one client may
+//! change the materials of what it added, and leaves those of others as they are. Blobs have the
+//! names of their bytes, and are there once.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use polyptych_files::blob::BlobHash;
+
+use super::{AssetManifests, SceneEdits};
+use crate::edit::{AssetSet, AssetSetId};
+use crate::{Material, Mesh, Scene};
+
+/// Makes a list as long as this number says, if it is shorter.
+fn fill<T: Clone>(list: &mut Vec<T>, len: u32, filler: Option<T>) {
+    if let Some(filler) = filler.filter(|_| list.len() < len as usize) {
+        list.resize(len as usize, filler);
+    }
+}
+
+impl SceneEdits {
+    /// Returns the assets that were added.
+    pub fn assets(&self) -> impl Iterator<Item = &AssetSet> {
+        self.assets.values().map(|set| &set.value)
+    }
+
+    /// The manifests of all assets that were added, each once.
+    pub fn asset_manifests(&self) -> BTreeSet<BlobHash> {
+        self.assets().map(|set| set.manifest).collect()
+    }
+
+    /// Assets that nothing uses any more: no node shows one of their meshes, and no material that
+    /// was changed, of the scene or of assets in use, has one of their textures.
+    pub fn unused_assets(&self) -> Vec<AssetSetId> {
+        if self.assets.is_empty() {
+            return Vec::new();
+        }
+        let of_nodes = self.nodes().filter_map(|(_, of)| of.given_mesh());
+        let meshes: BTreeSet<u32> = of_nodes.collect();
+        let all = self.assets.iter().map(|(id, set)| (*id, &set.value));
+        let is_hidden =
+            |(_, set): &(AssetSetId, &AssetSet)| meshes.range(set.mesh_range()).next().is_none();
+        let mut unused: Vec<(AssetSetId, &AssetSet)> = all.filter(is_hidden).collect();
+        loop {
+            let before = unused.len();
+            // What nobody sees keeps no textures, not even its own.
+            let is_shown = |material: u32| {
+                !unused.iter().any(|(_, set)| set.material_range().contains(&material))
+            };
+            let shown = self.materials.iter().filter(|(material, _)| is_shown(**material));
+            let textures = shown.flat_map(|(_, to)| to.value.textures()).map(|of| of.texture);
+            let textures: BTreeSet<u32> = textures.collect();
+            unused.retain(|(_, set)| textures.range(set.texture_range()).next().is_none());
+            if unused.len() == before {
+                return unused.into_iter().map(|(id, _)| id).collect();
+            }
+        }
+    }
+
+    /// The meshes of the scene, and those that were added behind them.
+    pub fn all_meshes(&self, base: &Scene, added: &AssetManifests) -> Vec<Mesh> {
+        let mut scene = Scene { meshes: base.meshes.clone(), ..Scene::default() };
+        self.add_assets(&mut scene, added);
+        scene.meshes
+    }
+
+    /// The sets in the order of their numbers.
+    pub(super) fn sets_in_order(&self) -> Vec<&AssetSet> {
+        let mut sets: Vec<&AssetSet> = self.assets().collect();
+        sets.sort_by_key(|set| (set.first_mesh, set.first_material, set.first_texture));
+        sets
+    }
+
+    /// Puts what was added to its places behind what a scene has. Numbers that nothing has are
+    /// those of a mesh without primitives, of a default material, and of a texture that is there
+    /// anyway.
+    pub(super) fn add_assets(&self, scene: &mut Scene, added: &AssetManifests) {
+        let mut unchanged = BTreeMap::new();
+        for set in self.sets_in_order() {
+            let Some(from) = added.get(&set.manifest) else { continue };
+            let filler = from.textures.first().or(scene.textures.first()).cloned();
+            let first_texture = if from.textures.is_empty() { 0 } else { set.first_texture };
+            fill(&mut scene.meshes, set.first_mesh, Some(Mesh::default()));
+            fill(&mut scene.materials, set.first_material, Some(Material::default()));
+            fill(&mut scene.textures, first_texture, filler);
+            scene.textures.extend(from.textures.iter().cloned());
+            scene.materials.extend(from.materials.iter().cloned().map(|mut material| {
+                for of in material.textures_mut() {
+                    of.texture = of.texture.saturating_add(set.first_texture);
+                }
+                material
+            }));
+            let numbers = self.drawn_materials(set, from, &mut unchanged);
+            scene.meshes.extend(from.meshes.iter().cloned().map(|mut mesh| {
+                for primitive in &mut mesh.primitives {
+                    let number = |material: u32| {
+                        let own = set.first_material.saturating_add(material);
+                        numbers.get(material as usize).copied().unwrap_or(own)
+                    };
+                    primitive.material = primitive.material.map(number);
+                }
+                mesh
+            }));
+        }
+    }
+
+    /// The number of the material with which each one of a set is drawn: its own if it was changed,
+    /// or else the first one that is as in the file, so that meshes of a file that was added many
+    /// times are drawn together. `unchanged` has those by manifest and index in it.
+    fn drawn_materials(
+        &self,
+        set: &AssetSet,
+        from: &Scene,
+        unchanged: &mut BTreeMap<(BlobHash, u32), u32>,
+    ) -> Vec<u32> {
+        let number = |material: u32| {
+            let own = set.first_material.saturating_add(material);
+            if self.has_material(own) {
+                return own;
+            }
+            *unchanged.entry((set.manifest, material)).or_insert(own)
+        };
+        (0..from.materials.len() as u32).map(number).collect()
+    }
+}
