@@ -4,6 +4,7 @@
 //! has of the scene. [`SceneEdits::apply_to`] makes the scene as it stands.
 
 mod added_assets;
+mod mesh_crowds;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,6 +19,7 @@ use crate::measured::Measured;
 use crate::node_edits::NodeEdits;
 use crate::shared_map::SharedMap;
 use crate::{Animations, Light, Material, Node, Scene};
+use mesh_crowds::MeshCrowds;
 
 /// The manifests of assets that were added to a scene.
 pub type AssetManifests = BTreeMap<BlobHash, Arc<Scene>>;
@@ -310,20 +312,27 @@ impl SceneEdits {
         if let Some(variant) = &self.variant {
             scene.show_variant(variant, |material| self.materials.get(&material).is_some());
         }
-        let ids = self.placed(base, &mut scene, with_hidden);
+        let crowds = self.mesh_crowds(base, added, scene.meshes.len());
+        let ids = self.placed(base, &mut scene, &crowds, with_hidden);
         (scene, ids)
     }
 
     /// The nodes as they stand, hidden ones too, and the number of each. Their lights are indices
-    /// into the lights that come with them.
+    /// into the lights that come with them. Those whose mesh edits gave are in no crowd.
     pub fn all_nodes(&self, base: &Scene) -> (Vec<Node>, Vec<Light>, Vec<NodeId>) {
         let mut scene = Scene { lights: base.lights.clone(), ..Scene::default() };
-        let ids = self.placed(base, &mut scene, true);
+        let ids = self.placed(base, &mut scene, &MeshCrowds::default(), true);
         (scene.nodes, scene.lights, ids)
     }
 
     /// Places the nodes in `scene`; gives their numbers.
-    fn placed(&self, base: &Scene, scene: &mut Scene, with_hidden: bool) -> Vec<NodeId> {
+    fn placed(
+        &self,
+        base: &Scene,
+        scene: &mut Scene,
+        crowds: &MeshCrowds,
+        with_hidden: bool,
+    ) -> Vec<NodeId> {
         let first_made = self.nodes.iter_from(NodeId(base.nodes.len() as u64));
         let made =
             first_made.filter(|(_, edits)| edits.value.created.is_some()).map(|(node, _)| *node);
@@ -356,7 +365,8 @@ impl SceneEdits {
                     // What hangs from what is not there is not there either.
                     Some(_) => continue,
                 };
-                if is_shown && let Some(placed) = self.node_as_it_stands(base, node, scene) {
+                if is_shown && let Some(placed) = self.node_as_it_stands(base, node, scene, crowds)
+                {
                     places[slot] = Place::At(scene.nodes.len() as u32);
                     scene.nodes.push(Node { parent, ..placed });
                     ids.push(node);
@@ -386,12 +396,21 @@ impl SceneEdits {
     }
 
     /// The node without its parent; a light of its own is put behind those of `scene`.
-    fn node_as_it_stands(&self, base: &Scene, node: NodeId, scene: &mut Scene) -> Option<Node> {
+    fn node_as_it_stands(
+        &self,
+        base: &Scene,
+        node: NodeId,
+        scene: &mut Scene,
+        crowds: &MeshCrowds,
+    ) -> Option<Node> {
         let edits = self.node(node);
         let made = edits.and_then(|edits| edits.created.as_ref());
         let mut placed = match made {
             Some(new) => {
-                Node { name: new.name.clone(), local: new.local, mesh: new.mesh, ..Node::default() }
+                let mut placed =
+                    Node { name: new.name.clone(), local: new.local, ..Node::default() };
+                crowds.give_mesh(&mut placed, new.mesh, &scene.meshes);
+                placed
             }
             None => base.nodes.get(usize::try_from(node.0).ok()?)?.clone(),
         };
@@ -400,8 +419,7 @@ impl SceneEdits {
         if let Some(edits) = edits {
             placed.local = edits.local.unwrap_or(placed.local);
             if let Some(mesh) = edits.mesh {
-                // Of another mesh the crowd says nothing.
-                (placed.mesh, placed.crowd) = (mesh, 0.0);
+                crowds.give_mesh(&mut placed, mesh, &scene.meshes);
             }
             if let Some(name) = &edits.name {
                 placed.name.clone_from(name);

@@ -8,6 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use polyptych_files::blob::BlobHash;
 
+use super::mesh_crowds::MeshCrowds;
 use super::{AssetManifests, SceneEdits};
 use crate::edit::{AssetSet, AssetSetId};
 use crate::{Material, Mesh, Scene};
@@ -122,5 +123,25 @@ impl SceneEdits {
             *unchanged.entry((set.manifest, material)).or_insert(own)
         };
         (0..from.materials.len() as u32).map(number).collect()
+    }
+
+    /// The crowds of so many meshes, of those that edits may have given to nodes.
+    pub(super) fn mesh_crowds(
+        &self,
+        base: &Scene,
+        added: &AssetManifests,
+        meshes: usize,
+    ) -> MeshCrowds {
+        if self.nodes().all(|(_, of)| of.given_mesh().is_none()) {
+            return MeshCrowds::default();
+        }
+        let mut crowds = MeshCrowds::new(meshes);
+        crowds.add_file(base, 0);
+        for set in self.assets() {
+            if let Some(from) = added.get(&set.manifest) {
+                crowds.add_file(from, set.first_mesh);
+            }
+        }
+        crowds
     }
 }

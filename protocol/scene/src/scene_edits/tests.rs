@@ -439,3 +439,29 @@ fn a_file_that_is_added_again_has_materials_of_its_own_to_change() {
     edits.apply(Edit::RemoveAssets(gone));
     assert_eq!(drawn(&edits), ("redwhite redblack".into(), 3));
 }
+
+#[test]
+fn what_is_made_of_a_mesh_is_in_the_crowd_that_the_mesh_has_in_its_file() {
+    let mut base = base();
+    base.meshes = vec![Mesh { primitives: vec![triangle("tile", None)], ..Mesh::default() }; 2];
+    (base.nodes[1].mesh, base.nodes[1].crowd) = (Some(0), 4.0);
+    base.nodes[4].mesh = Some(1);
+    let (mut edits, manifests) = added_times(&base, &painted(), 2);
+    let crowds = |edits: &SceneEdits| -> Vec<f32> {
+        let (scene, _) = edits.apply_to(&base, &manifests);
+        scene.nodes.iter().map(|node| node.crowd).collect()
+    };
+    let of_file = [0.0, 4.0, 0.0, 0.0, 0.0];
+    assert_eq!(crowds(&edits), [&of_file[..], &[30.0; 2]].concat());
+    // Wherever it stands: a server that joins later must draw the same.
+    let local = DAffine3::from_translation(DVec3::Y * 100.0);
+    edits.apply(Edit::SetTransform { node: NodeId(5), local });
+    assert_eq!(crowds(&edits), [&of_file[..], &[30.0; 2]].concat());
+    // A tree becomes a wall, and a tile one that stands alone in its file, at the same place.
+    edits.apply(Edit::SetMesh { node: NodeId(4), mesh: Some(2) });
+    edits.apply(Edit::SetMesh { node: NodeId(1), mesh: Some(1) });
+    edits.apply(Edit::SetMesh { node: NodeId(5), mesh: None });
+    let now = crowds(&edits);
+    assert!((4.0..4.001).contains(&now[1]) && now[4] == 30.0, "{now:?}");
+    assert_eq!(now[5..], [0.0, 30.0]);
+}
