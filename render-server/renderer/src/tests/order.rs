@@ -1,4 +1,4 @@
-//! Depth, blending, instances: what is in front, and what is one.
+//! Depth, blending, instances: what is in front, what is one, and what is drawn first.
 
 use glam::{DAffine3, DVec3, Quat, Vec3, Vec4};
 use polyptych_scene::{AlphaMode, Instance, Material, Node, Topology};
@@ -6,7 +6,8 @@ use polyptych_scene::{AlphaMode, Instance, Material, Node, Topology};
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, drawn, gpu, look, matt, pixel,
 };
-use crate::{Renderer, Target, read_pixels};
+use crate::draw_list::{DrawList, Scratch, VisibleItems};
+use crate::{GpuScene, Renderer, Target, read_pixels};
 
 const SIZE: [u32; 2] = [128, 128];
 
@@ -161,4 +162,82 @@ fn what_is_outside_is_culled() {
     let (_, stats) = draw_sampled(&stage.build(), SIZE, 1, &[view]);
     assert_eq!(stats.visible + stats.culled, 1000);
     assert!((150..260).contains(&stats.visible), "{stats:?}");
+}
+
+/// The draws of a scene of rectangles that face an eye at the origin, which looks along -z, and how
+/// far from it each of their records stands.
+fn drawn_in_order(scene: &GpuScene) -> (DrawList, Vec<f64>) {
+    let view = look(DVec3::ZERO, DVec3::NEG_Z, SIZE);
+    let (mut scratch, mut records) = (Scratch::default(), Vec::new());
+    let visible = VisibleItems::new(scene, &view, [0, 0, SIZE[0], SIZE[1]]);
+    let items = (&visible, &visible.items[..]);
+    let list = DrawList::new(scene, &view, items, &mut scratch, &mut records);
+    let distances = records.iter().map(|record| -f64::from(record.rows[2][3])).collect();
+    (list, distances)
+}
+
+/// A scene of meshes, each in its material at some distances.
+fn at_distances(materials: &[Material], meshes: &[(usize, [f64; 2])]) -> GpuScene {
+    let mut stage = SceneFixture::new();
+    let materials: Vec<u32> = materials.iter().map(|of| stage.material(of.clone())).collect();
+    for (index, (material, distances)) in (0u16..).zip(meshes) {
+        // No two alike, which would be one batch.
+        let side = 0.1 + f32::from(index) * 1e-4;
+        let mesh = stage.mesh(&MeshFixture::rectangle(side, side), Some(materials[*material]));
+        for distance in distances {
+            stage.node(mesh, DAffine3::from_translation(DVec3::NEG_Z * *distance));
+        }
+    }
+    stage.build()
+}
+
+#[test]
+fn few_batches_are_drawn_nearest_first_and_so_are_the_items_of_each() {
+    let plain = [matt(0.8, 0.5, 0.2), matt(0.1, 0.2, 0.3)];
+    let scene = at_distances(&plain, &[(0, [9.0, 3.0]), (1, [5.0, 1.0]), (0, [2.0, 7.0])]);
+    let (list, distances) = drawn_in_order(&scene);
+    assert_eq!(distances, [1.0, 5.0, 2.0, 7.0, 3.0, 9.0]);
+    let draws: Vec<[u32; 2]> = list.opaque.iter().map(|draw| [draw.first, draw.count]).collect();
+    assert_eq!(draws, [[0, 2], [2, 2], [4, 2]], "one draw for each batch");
+    assert!(list.transparent.is_empty());
+    // Panes go by themselves, whatever their batch is.
+    let panes = [flat(1.0, 0.0, 0.0, 0.5), flat(0.0, 0.0, 1.0, 0.5)];
+    let scene = at_distances(&panes, &[(0, [9.0, 3.0]), (1, [5.0, 1.0]), (0, [2.0, 7.0])]);
+    let (list, distances) = drawn_in_order(&scene);
+    assert_eq!(distances, [9.0, 7.0, 5.0, 3.0, 2.0, 1.0]);
+    assert!(list.opaque.is_empty() && !list.transparent.is_empty());
+    let firsts: Vec<u32> = list.transparent.iter().map(|draw| draw.first).collect();
+    assert!(firsts.is_sorted(), "{firsts:?}");
+}
+
+#[test]
+fn many_batches_are_drawn_by_shell_then_pipeline_then_material_then_distance() {
+    /// Each is twice as far as the one before.
+    const SHELLS: usize = 3;
+    // The third has a pipeline of its own.
+    let both = Material { double_sided: true, ..matt(0.3, 0.3, 0.3) };
+    let materials = [matt(0.8, 0.5, 0.2), matt(0.1, 0.2, 0.3), both];
+    let meshes = (0..300).map(|index: usize| {
+        let (material, shell) = (index % 3, index / 3 % SHELLS);
+        let within = 1.5 + 0.012 * (index * 37 % 100) as f64;
+        let near = within * (shell as f64).exp2();
+        (material, [near + 0.3, near])
+    });
+    let scene = at_distances(&materials, &meshes.collect::<Vec<_>>());
+    assert_eq!(scene.layout.batches.len(), 300);
+    let (list, distances) = drawn_in_order(&scene);
+    assert_eq!(list.opaque.len(), 300);
+    let keys = list.opaque.iter().map(|draw| {
+        let of = &scene.layout.batches[draw.batch as usize];
+        let items = &distances[draw.first as usize..][..draw.count as usize];
+        assert!(items.len() == 2 && items[0] < items[1], "{items:?}");
+        // Shells end where none of the distances is: at 1.41, 2.83, 5.66 and 11.3.
+        let shell = (items[0] / 1.45).log2().floor() as i32;
+        (shell, of.pipeline, of.material, items[0])
+    });
+    let keys: Vec<(i32, u32, u32, f64)> = keys.collect();
+    assert!(keys.is_sorted(), "{keys:?}");
+    let changes = keys.windows(2).filter(|two| (two[0].1, two[0].2) != (two[1].1, two[1].2));
+    assert_eq!(changes.count(), 3 * SHELLS - 1, "each material once in each shell");
+    assert!(!keys.is_sorted_by_key(|key| key.3), "nearer ones of another material wait");
 }
