@@ -151,6 +151,63 @@ fn skinned_meshes_are_where_a_reference_has_them_at_every_time() {
     println!("at most {worst:.1e} m off");
 }
 
+/// The bar with these weights in two sets of joints, of which the second names them the other way
+/// around.
+fn bar_with_weights(sets: [[[f32; 4]; 4]; 2]) -> Builder {
+    let mut builder = bar([0.0; 3]);
+    let swapped = JOINTS.map(|of| [of[1], of[0], of[2], of[3]]);
+    let swapped = builder.accessor("VEC4", 5121, 4, swapped.as_flattened(), None);
+    let [first, second] = sets.map(|of| builder.floats("VEC4", of.as_flattened()));
+    let attributes = &mut builder.json["meshes"][0]["primitives"][0]["attributes"];
+    attributes["WEIGHTS_0"] = json!(first);
+    attributes["JOINTS_1"] = json!(swapped);
+    attributes["WEIGHTS_1"] = json!(second);
+    builder
+}
+
+/// The weights of all vertices of the bar as they are baked: in each set, for each vertex.
+fn baked_weights(place: &BakeFixture, scene: &Scene) -> Vec<Vec<[f32; 4]>> {
+    let primitive = &scene.meshes[0].primitives[0];
+    let described = primitive.deformed.as_ref().expect("it is bent");
+    let blob = place.store.blobs().read(described.blob).expect("read").expect("there");
+    let deformer = Deformer::parse(primitive, described, &blob).expect("sound");
+    let sets = deformer.influences.chunks_exact(deformer.vertex_count());
+    sets.map(|set| set.iter().map(|of| of.weights).collect()).collect()
+}
+
+/// glTF 2.0, 3.7.3.3: the weights of a vertex are of all sets together, and sum to 1; what does not
+/// is made to.
+#[test]
+fn weights_that_do_not_sum_to_one_are_made_to() {
+    let none = [[0.0; 4]; 4];
+    let times = |by: [f32; 4]| -> [[f32; 4]; 4] {
+        std::array::from_fn(|vertex| WEIGHTS[vertex].map(|weight| weight * by[vertex]))
+    };
+    let check = |sets: [[[f32; 4]; 4]; 2]| {
+        let (place, baked, scene) = bake_builder(&bar_with_weights(sets));
+        assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+        let weights = baked_weights(&place, &scene);
+        for vertex in 0..4 {
+            let sum: f32 = weights.iter().flat_map(|set| set[vertex]).sum();
+            assert!((sum - 1.0).abs() < 1e-6, "{sum}: {weights:?}");
+        }
+        // Weights that were multiplied were rounded once more.
+        assert_same(&drawn_at(&place, &scene, 0, 1.3), &bar_at([0.0; 3], 1.3), 2e-6);
+    };
+    check([WEIGHTS, none]);
+    check([times([3.0, 1e-4, 0.5, 100.0]), none]);
+    // The same parts by the other set, and the half of each by either.
+    let swapped = WEIGHTS.map(|of| [of[1], of[0], of[2], of[3]]);
+    check([none, swapped.map(|of| of.map(|weight| weight * 7.0))]);
+    check([times([2.0; 4]), swapped.map(|of| of.map(|weight| weight * 2.0))]);
+    // What is no weight counts for nothing.
+    let mut broken = times([0.25; 4]);
+    for weights in &mut broken {
+        (weights[2], weights[3]) = (-5.0, f32::NAN);
+    }
+    check([broken, none]);
+}
+
 #[test]
 fn a_mesh_that_no_clip_bends_is_baked_as_without_clips() {
     let mut builder = bar([0.0; 3]);
