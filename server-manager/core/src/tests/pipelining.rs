@@ -1,5 +1,7 @@
 //! Two frames on their way: what is sent, swapped and answered, and when.
 
+use proptest::prelude::*;
+
 use super::*;
 
 /// A wall with a pipeline whose channels are warm.
@@ -187,4 +189,93 @@ fn a_server_that_goes_is_waited_for_by_neither_frame() {
     stage.cluster.handle_server_gone(stage.now, SessionId(1), "killed");
     stage.read();
     assert_eq!(stage.swaps, [FrameId(first), FrameId(first + 1)]);
+}
+
+/// What may happen while frames are on their way.
+#[derive(Clone, Copy, Debug)]
+enum Step {
+    Order,
+    /// A server says that it has drawn one of the frames that it was sent, counted from the last;
+    /// it may have said so before.
+    Draw(u32, usize),
+    Wait(Micros),
+    /// A server ends, and another one comes in its place.
+    Replace(u32),
+    /// The next frames are of another state.
+    Change,
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        6 => Just(Step::Order),
+        12 => (0..3u32, 0..3usize).prop_map(|(channel, back)| Step::Draw(channel, back)),
+        3 => (0..120_000u64).prop_map(Step::Wait),
+        1 => (0..3u32).prop_map(Step::Replace),
+        1 => Just(Step::Change),
+    ]
+}
+
+/// A server says that it has drawn the frame that it was sent so many frames before the last.
+fn draw_back(stage: &mut ClusterFixture, (channel, session): (u32, SessionId), back: usize) {
+    let mut sent = stage.frames.iter().rev().filter(|(to, _)| *to == session);
+    let Some((_, frame)) = sent.nth(back) else { return };
+    let (frame, revision) = (frame.frame, frame.revision);
+    let digest = stage.digests[&(session, revision)];
+    let drawn = FrameRendered { frame, revision, digest, ..stage.drawn(channel) };
+    stage.say(session, ServerMessage::Drawn(drawn));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 128, ..ProptestConfig::default() })]
+
+    #[test]
+    fn frames_are_shown_in_rising_order_and_none_twice(
+        steps in proptest::collection::vec(step(), 1..100),
+    ) {
+        let mut stage = stage(3);
+        let mut sessions = [0, 1, 2].map(SessionId);
+        let (mut next_session, mut asked) = (100, Vec::new());
+        for step in steps {
+            match step {
+                Step::Order => asked.push(stage.order_frame()),
+                Step::Draw(channel, back) => {
+                    let session = sessions[channel as usize];
+                    draw_back(&mut stage, (channel, session), back);
+                }
+                Step::Wait(micros) => stage.wait(micros),
+                Step::Replace(channel) => {
+                    let gone = sessions[channel as usize];
+                    stage.replicas.remove(&gone);
+                    stage.cluster.handle_server_gone(stage.now, gone, "killed");
+                    stage.read();
+                    let session = SessionId(next_session);
+                    stage.join(session, channel).expect("the channel is free");
+                    stage.prepare_all();
+                    (sessions[channel as usize], next_session) = (session, next_session + 1);
+                }
+                Step::Change => {
+                    stage.request(Request::CloseScene);
+                    stage.prepare_all();
+                }
+            }
+            prop_assert!(stage.cluster.pipeline.iter().count() <= 2);
+        }
+        // Nobody draws any more: all that was asked for still comes to an end.
+        for _ in 0..asked.len() + 2 {
+            stage.wait(130_000_000);
+        }
+        prop_assert!(stage.swaps.is_sorted_by(|a, b| a < b), "{:?}", stage.swaps);
+        let mut last: BTreeMap<SessionId, FrameId> = BTreeMap::new();
+        for (to, frame) in &stage.frames {
+            let is_next = last.insert(*to, frame.frame).is_none_or(|before| before < frame.frame);
+            prop_assert!(is_next, "{} to {:?}", frame.frame, to);
+        }
+        let answers = answers(&stage);
+        let is_next = |a: &(RequestId, FrameId), b: &(RequestId, FrameId)| a.0 < b.0 && a.1 < b.1;
+        prop_assert!(answers.is_sorted_by(is_next), "{:?}", answers);
+        let mut answered: Vec<RequestId> = stage.replies.iter().map(|(id, _)| *id).collect();
+        answered.retain(|id| asked.contains(id));
+        answered.sort();
+        prop_assert_eq!(answered, asked);
+    }
 }
