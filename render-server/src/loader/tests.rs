@@ -37,6 +37,11 @@ struct Uploads {
 
 impl Stage {
     fn new() -> Self {
+        Self::finishing(|_| {})
+    }
+
+    /// With a render thread that does this before it answers for a state.
+    fn finishing(finish: impl Fn(&LoadedState) + Send + 'static) -> Self {
         let root = tempfile::tempdir().expect("a temporary folder");
         let cache = BlobStore::new(root.path());
         let (orders, waiting) = bounded(ORDERS_MAX);
@@ -51,7 +56,10 @@ impl Stage {
                     Upload::Begin { .. } => uploads.begun += 1,
                     Upload::Relayout { moved: Some(moved), .. } => uploads.moved.push(moved.len()),
                     Upload::Relayout { moved: None, .. } => uploads.laid_out += 1,
-                    Upload::Finish { answer, .. } => answer.send(Ok(7)).expect("waited for"),
+                    Upload::Finish { state, answer } => {
+                        finish(&state);
+                        answer.send(Ok(7)).expect("waited for");
+                    }
                     _ => {}
                 }
             }
@@ -60,6 +68,15 @@ impl Stage {
         let uploads = thread::Builder::new().name("render".into()).spawn(take).expect("a thread");
         let loader = Loader::new(cache.clone(), waiting, sender, Arc::default(), Vec::new());
         Self { cache, orders, line, reports, uploads, loader: Some(loader), _root: root }
+    }
+
+    /// The connection ends, and another one takes its place. Gives what is reported over that.
+    fn reconnect(&mut self) -> mpsc::Receiver<RenderEvent> {
+        let (reporter, reports) = mpsc::channel(16);
+        let (is_cut, bulk) = (Arc::default(), self.line.bulk.clone());
+        let line = LoaderLink { bulk, reports: reporter, is_cut };
+        std::mem::replace(&mut self.line, line).is_cut.store(true, Ordering::Relaxed);
+        reports
     }
 
     /// Orders a scene of a mesh of so many primitives, drawn by so many nodes.
@@ -138,6 +155,50 @@ fn gives_up_a_scene_behind_which_another_waits() {
     let (said, uploads) = stage.run();
     let expected = [Err("a newer preparation has come".to_owned()), Ok(Revision(2))];
     assert_eq!((said, uploads.begun), (expected.to_vec(), 1));
+}
+
+#[test]
+fn an_order_of_a_connection_that_has_ended_is_given_up_without_a_word() {
+    let mut stage = Stage::new();
+    stage.order(1, 1, 1);
+    let mut reports = stage.reconnect();
+    stage.order(2, 1, 1);
+    let (said, uploads) = stage.run();
+    assert_eq!((said, uploads.begun), (Vec::new(), 1));
+    let report = reports.try_recv().expect("an answer");
+    let RenderEvent::Status(ServerMessage::Prepared(prepared)) = report else {
+        panic!("{report:?}")
+    };
+    assert_eq!((prepared.revision, reports.try_recv().is_err()), (Revision(2), true));
+}
+
+#[test]
+fn the_answer_for_a_state_that_was_replaced_while_it_was_finished_is_dropped() {
+    let (at_it, is_at) = bounded(1);
+    let (go, may_go) = bounded(1);
+    let mut stage = Stage::finishing(move |state| {
+        at_it.send(state.replica.revision).expect("waited for");
+        may_go.recv().expect("told to go on");
+    });
+    let loader = stage.loader.take().expect("not run yet");
+    let thread = thread::Builder::new().name("loader".into()).spawn(|| loader.run());
+    stage.order(1, 1, 1);
+    assert_eq!(is_at.recv(), Ok(Revision(1)));
+    // The manager is gone while the render thread is at it; the next one orders its own state.
+    let mut reports = stage.reconnect();
+    stage.order(7, 2, 1);
+    go.send(()).expect("waited for");
+    assert_eq!(is_at.recv(), Ok(Revision(7)));
+    go.send(()).expect("waited for");
+    drop((stage.orders, stage.line));
+    thread.expect("a thread").join().expect("no panic");
+    assert!(stage.reports.try_recv().is_err(), "nobody waits for the first");
+    let report = reports.try_recv().expect("an answer");
+    let RenderEvent::Status(ServerMessage::Prepared(prepared)) = report else {
+        panic!("{report:?}")
+    };
+    assert_eq!((prepared.revision, reports.try_recv().is_err()), (Revision(7), true));
+    assert_eq!(stage.uploads.join().expect("no panic").begun, 2);
 }
 
 #[test]

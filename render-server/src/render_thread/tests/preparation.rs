@@ -88,6 +88,21 @@ fn a_preparation_that_is_given_up_has_no_answer_and_the_next_one_has() {
 }
 
 #[test]
+fn a_preparation_that_another_one_replaces_has_no_answer_and_is_never_drawn() {
+    let (mut stage, state) = shown();
+    let fog = LightEffects { fog: true, ..LightEffects::default() };
+    let (answer, answered) = sync_channel(1);
+    stage.thread.upload(Upload::Finish { state: with_effects(&state, fog), answer });
+    let glow = LightEffects { glow: true, ..LightEffects::default() };
+    let next = with_effects(&state, glow);
+    finish(&mut stage.thread, Arc::clone(&next));
+    assert_eq!(answered.try_recv(), Err(TryRecvError::Disconnected));
+    let ready: Vec<_> = stage.thread.states.iter().map(|of| Arc::clone(&of.state)).collect();
+    assert!(ready.last().is_some_and(|latest| Arc::ptr_eq(latest, &next)));
+    assert!(ready.iter().all(|of| of.replica.effects != fog), "it is not kept either");
+}
+
+#[test]
 fn a_part_whose_upload_failed_is_not_taken_for_prepared() {
     let (mut stage, state) = shown();
     let mut scene = SceneFixture::new();
