@@ -184,24 +184,34 @@ impl Leadership {
         shared.is_valid() && !shared.is_over()
     }
 
-    /// Does what only a leader may do, while no other manager can take the lease.
+    /// Puts the state file in its place by `work`, while no other manager can take the lease; the
+    /// record says from then on that there is one.
     ///
     /// # Errors
-    /// This manager leads no more, the lease cannot be read, or `work` fails.
+    /// This manager leads no more, the lease cannot be read or written, or `work` fails.
     pub fn fenced<T>(&self, work: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
         let shared = &self.shared;
         let done = shared.file.locked(|found| {
-            let is_ours = found.is_some_and(|f| f.term == shared.term.0 && !f.is_released);
-            if is_ours {
-                shared.is_fenced.store(true, Ordering::SeqCst);
-                let done = work();
-                shared.is_fenced.store(false, Ordering::SeqCst);
-                return (None, done);
-            }
-            let reason = shared.lose(led_by(found));
-            (None, Err(io::Error::other(reason)))
+            let ours = found.filter(|f| f.term == shared.term.0 && !f.is_released);
+            let Some(ours) = ours else {
+                let reason = shared.lose(led_by(found));
+                return (None, Err(io::Error::other(reason)));
+            };
+            shared.is_fenced.store(true, Ordering::SeqCst);
+            let done = work();
+            shared.is_fenced.store(false, Ordering::SeqCst);
+            let is_first = done.is_ok() && !ours.has_state;
+            (is_first.then(|| LeaseRecord { has_state: true, ..ours.clone() }), done)
         });
         done.map_err(io::Error::other)?
+    }
+
+    /// Returns whether a leader of this wall has written its state file, this one or one before.
+    ///
+    /// # Errors
+    /// The lease cannot be read.
+    pub fn has_written_state(&self) -> Result<bool, LeaseFileError> {
+        self.shared.file.locked(|found| (None, found.is_some_and(|found| found.has_state)))
     }
 
     /// Ready once this manager leads no more; never if it gives the lease up itself.

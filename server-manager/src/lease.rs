@@ -50,6 +50,10 @@ pub struct LeaseRecord {
     pub is_released: bool,
     /// `true` if a client stopped the wall, so that managers that wait end too.
     pub is_stopped: bool,
+    /// `true` once a holder has written the wall's state: whoever holds the lease later does not
+    /// begin without it.
+    #[serde(default)]
+    pub has_state: bool,
 }
 
 /// The part of one manager in the lease.
@@ -107,13 +111,16 @@ impl Contender {
                 }
                 (found.term + 1, 0)
             }
+            // The file was removed, or its storage is not there: another one may still lead.
+            (State::Watching(Some(_)), None) => return None,
             (State::Watching(_), found) => (found.map_or(0, |found| found.term) + 1, 0),
         };
         let (term, renewal) = next;
         self.state = State::Holding { term, valid_until: now + self.lease_time * 2 / 3 };
         let (holder, lease_ms) = (self.name.clone(), self.lease_time.as_millis() as u64);
         let (is_released, is_stopped) = (false, false);
-        Some(LeaseRecord { term, renewal, holder, lease_ms, is_released, is_stopped })
+        let has_state = found.is_some_and(|found| found.has_state);
+        Some(LeaseRecord { term, renewal, holder, lease_ms, is_released, is_stopped, has_state })
     }
 
     /// Gives the lease up: returns the record to write, under the lock under which `found` was

@@ -16,7 +16,7 @@ mod startup;
 
 use std::collections::BTreeMap;
 use std::future::Future;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -33,7 +33,6 @@ use polyptych_protocol::handshake::Welcome;
 use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::server_message::ServerMessage;
 use polyptych_protocol::service_notifier::ServiceNotifier;
-use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 use polyptych_wall::Wall;
 use querying::Queries;
 use tokio::sync::{Semaphore, mpsc};
@@ -51,8 +50,9 @@ use crate::requests::Turns;
 use crate::server_session::ServerHandle;
 use crate::session::{EVENTS_MAX, Event};
 use crate::state_file::keeper::Keeper;
+use crate::state_file::{Found, StateFile};
 use crate::traffic::Traffic;
-use crate::{acceptor, http, metrics, state_file};
+use crate::{acceptor, http, metrics};
 
 /// Events that are handled in one turn, before timers are looked at again.
 const EVENTS_PER_TURN: usize = 64;
@@ -107,13 +107,11 @@ pub async fn run(
     mut options: ManagerOptions,
     shutdown: impl Future<Output = ()>,
 ) -> Result<Goodbye, ManagerError> {
-    if let Some(path) = &options.memory {
-        state_file::check_writable(path).map_err(ManagerError::State)?;
-    }
     if let Some(file) = options.wall.files.iter().find(|file| file.blob.is_none()) {
         return Err(ManagerError::WallFile(file.path.clone()));
     }
-    let keys = options.keys.as_deref().map(load_keys).transpose()?;
+    let keys = options.keys.as_deref().map(startup::load_keys).transpose()?;
+    let state = startup::load_state(&options).await?;
     let mut epoch = [0; 8];
     getrandom::fill(&mut epoch).map_err(ManagerError::Random)?;
     listener.set_nonblocking(true).map_err(ManagerError::Listener)?;
@@ -122,7 +120,7 @@ pub async fn run(
     let metrics = options.metrics.take().map(|at| metrics::start(at, events.clone()));
     let metrics = metrics.transpose().map_err(ManagerError::Metrics)?;
     let http = options.http.take();
-    let mut hub = EventLoop::new(options, epoch, events)?;
+    let mut hub = EventLoop::new(options, state, epoch, events)?;
     let wiring = || http::Wiring {
         events: hub.events.clone(),
         queues: hub.turns.queues().clone(),
@@ -167,16 +165,6 @@ pub async fn run(
         leadership.release_after(&goodbye);
     }
     Ok(goodbye)
-}
-
-/// The manager's own keys, fit for use now.
-fn load_keys(folder: &Path) -> Result<Credentials, CredentialsError> {
-    let keys = Credentials::load(folder)?;
-    keys.expect_identity(&NodeIdentity::Manager)?;
-    for warning in keys.warnings() {
-        tracing::warn!("{warning}");
-    }
-    Ok(keys)
 }
 
 /// The core and what it holds on to.
@@ -230,6 +218,7 @@ enum Stopping {
 impl EventLoop {
     fn new(
         mut options: ManagerOptions,
+        state: Option<(StateFile, Found)>,
         epoch: Epoch,
         events: mpsc::Sender<Event>,
     ) -> Result<Self, ManagerError> {
@@ -238,7 +227,7 @@ impl EventLoop {
         let blobs = BlobStore::new(options.baker.store.join("blobs"));
         let stores = options.memory.as_deref().map(saving::Stores::beside);
         let life_signs = LifeSigns::new(options.notifier.take());
-        let (cluster, state) = startup::start_cluster(&mut options, epoch, &allowed);
+        let (cluster, state) = startup::start_cluster(&mut options, state, epoch, &allowed)?;
         let keeper = state.map(Keeper::of).transpose().map_err(ManagerError::Thread)?;
         Ok(Self {
             cluster,

@@ -7,15 +7,17 @@
 //! The last letter is the version of the form.
 
 mod disk;
+mod found;
 pub(crate) mod keeper;
+pub(crate) mod kept_copy;
 mod reconcile;
 
 use std::ffi::OsString;
-use std::fs;
-use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 use disk::{Disk, System};
+pub(crate) use found::Found;
 use polyptych_core::PersistentState;
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::ids::Term;
@@ -58,74 +60,6 @@ pub(crate) struct StateFile {
     fence: Option<Leadership>,
 }
 
-/// Checks that this may be the file of a manager, or become it.
-///
-/// # Errors
-/// Says what is there instead.
-pub(crate) fn check_writable(path: &Path) -> Result<(), String> {
-    let foreign = |what: &str| {
-        let path = path.display();
-        Err(format!("{path}: {what}, not a state file of a manager; name another or remove it"))
-    };
-    match fs::metadata(path) {
-        Ok(facts) if facts.is_dir() => return foreign("a folder"),
-        // Opening a pipe waits for its writer.
-        Ok(facts) if !facts.is_file() => return foreign("a pipe or a device"),
-        Ok(_) | Err(_) => {}
-    }
-    let mut begin = Vec::new();
-    let read = fs::File::open(path).and_then(|file| file.take(8).read_to_end(&mut begin));
-    // What is not there, or was torn before it was whole, is made anew.
-    begin.truncate(MAGIC_OF_ALL.len());
-    let is_ours = MAGIC_OF_ALL.starts_with(&begin);
-    if read.is_ok() && !is_ours {
-        return foreign("another file");
-    }
-    Ok(())
-}
-
-/// Returns the content of this file; `None` if there is no file, or nothing of use in it: a manager
-/// that begins afresh is better than one that does not begin.
-pub(crate) fn load(path: &Path) -> Option<Saved> {
-    let warn = |reason: &dyn std::fmt::Display| {
-        tracing::warn!(path = %path.display(), %reason, "what was remembered is of no use");
-    };
-    match fs::metadata(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return None,
-        Err(error) => {
-            warn(&error);
-            return None;
-        }
-        Ok(facts) if facts.len() > MEMORY_BYTES_MAX || !facts.is_file() => {
-            warn(&"it is not a file that a manager has written");
-            return None;
-        }
-        Ok(_) => {}
-    }
-    let bytes = fs::read(path).map_err(|error| warn(&error)).ok()?;
-    decode(&bytes).map_err(|reason| warn(&reason)).ok()
-}
-
-/// The content of these bytes of a state file.
-///
-/// # Errors
-/// The reason why they are of no use.
-fn decode(bytes: &[u8]) -> Result<Saved, String> {
-    let is_other = bytes.starts_with(&MAGIC_OF_ALL) && bytes.len() >= MAGIC.len();
-    let whole = bytes.strip_prefix(&MAGIC).and_then(|bytes| bytes.split_at_checked(32));
-    let Some((hash, saved)) = whole else {
-        let is_other = is_other && !bytes.starts_with(&MAGIC);
-        let reason = if is_other { "another version has written it" } else { "it is cut short" };
-        return Err(reason.to_owned());
-    };
-    if BlobHash::of(saved).0 != hash {
-        return Err("it was damaged".to_owned());
-    }
-    let decoded = polyptych_codec::decode_within::<_, VALUES_BYTES_MAX>(saved);
-    let (wall, memory) = decoded.map_err(|error| error.to_string())?;
-    Ok(Saved { wall, memory })
-}
-
 impl StateFile {
     /// The state file of this wall at this path; written by [`save`](Self::save) only.
     pub fn new(path: PathBuf, wall: &Wall) -> Self {
@@ -143,6 +77,11 @@ impl StateFile {
         &self.path
     }
 
+    fn folder(&self) -> &Path {
+        let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        folder.unwrap_or(Path::new("."))
+    }
+
     /// Writes what is to be remembered. The file is whole whatever happens; it is this one if the
     /// process is killed afterwards, and if `is_durable`, after a power cut too.
     ///
@@ -158,8 +97,7 @@ impl StateFile {
         memory: &PersistentState,
         is_durable: bool,
     ) -> io::Result<()> {
-        let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
-        let folder = folder.unwrap_or(Path::new("."));
+        let folder = self.folder();
         disk.make_folder(folder)?;
         let saved = [&self.wall[..], &polyptych_codec::encode(memory)].concat();
         let bytes = [&MAGIC[..], &BlobHash::of(&saved).0, &saved].concat();
@@ -200,18 +138,6 @@ impl StateFile {
         // Most leaders leave none.
         let _ = fs::remove_file(self.path.with_file_name(self.new_name(Some(before))));
     }
-
-    /// Keeps the file as it is under a name of its own, in the place of an older such copy.
-    ///
-    /// # Errors
-    /// The file cannot be copied.
-    pub fn keep_copy(&self) -> io::Result<PathBuf> {
-        let mut copy = self.path.clone().into_os_string();
-        copy.push(".old");
-        let copy = PathBuf::from(copy);
-        fs::copy(&self.path, &copy)?;
-        Ok(copy)
-    }
 }
 
 #[cfg(test)]
@@ -235,11 +161,27 @@ mod tests {
 
     use super::*;
 
+    /// The file as a manager finds it.
+    fn found(path: &Path) -> Result<Found, String> {
+        let state = StateFile::new(path.to_owned(), &Wall::new("w", vec![], vec![]));
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build();
+        let found = runtime.expect("a runtime").block_on(state.load());
+        found.map_err(|error| error.to_string())
+    }
+
+    #[track_caller]
+    fn expect_damaged(path: &Path, reason: &str) {
+        match found(path) {
+            Ok(Found::Damaged(said)) => assert!(said.contains(reason), "{said}"),
+            other => panic!("{other:?}"),
+        }
+    }
+
     #[test]
-    fn what_is_saved_comes_back_and_damage_is_noticed() {
+    fn what_is_saved_comes_back() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("state/wall");
-        assert_eq!(load(&path), None);
+        assert_eq!(found(&path), Ok(Found::Nothing));
         let memory = PersistentState {
             revision: Revision(9),
             scene: None,
@@ -295,20 +237,32 @@ mod tests {
         let wall = Wall { scenes: vec!["../here".into()], ..Wall::new("w", vec![], vec![]) };
         StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");
         let saved = Saved { wall: wall.without_paths(), memory: memory.clone() };
-        assert_eq!(load(&path), Some(saved));
-        let mut bytes = fs::read(&path).expect("read");
-        for cut in [0, 10, 32, bytes.len() - 1] {
-            fs::write(&path, &bytes[..cut]).expect("written");
-            assert_eq!(load(&path), None, "cut to {cut} bytes");
-        }
-        bytes[50] ^= 1;
-        fs::write(&path, &bytes).expect("written");
-        assert_eq!((load(&path), check_writable(&path)), (None, Ok(())));
-
+        assert_eq!(found(&path), Ok(Found::Saved(Box::new(saved))));
         // Much that takes more room in memory than in the file.
         let memory = PersistentState { notes: vec![String::new(); 1_000_000], ..memory };
         StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");
-        assert!(load(&path).is_some_and(|saved| saved.memory == memory));
+        let found = found(&path).expect("read");
+        assert!(matches!(found, Found::Saved(saved) if saved.memory == memory));
+    }
+
+    #[test]
+    fn damage_is_noticed() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("wall");
+        let wall = Wall::new("w", vec![], vec![]);
+        let memory = PersistentState::of_wall(&wall);
+        StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");
+        let mut bytes = fs::read(&path).expect("read");
+        for (cut, reason) in [(0, "cut"), (10, "cut"), (32, "cut"), (bytes.len() - 1, "damaged")] {
+            fs::write(&path, &bytes[..cut]).expect("written");
+            expect_damaged(&path, reason);
+        }
+        bytes[50] ^= 1;
+        fs::write(&path, &bytes).expect("written");
+        expect_damaged(&path, "damaged");
+        let long = [&MAGIC[..], &vec![0; MEMORY_BYTES_MAX as usize][..]].concat();
+        fs::write(&path, long).expect("written");
+        expect_damaged(&path, "more than");
     }
 
     #[test]
@@ -320,7 +274,7 @@ mod tests {
         let made = std::process::Command::new("mkfifo").arg(&pipe).status().expect("mkfifo");
         assert!(made.success());
         for path in [folder.path(), &foreign, &pipe] {
-            assert!(check_writable(path).is_err_and(|reason| reason.contains("name another")));
+            assert!(found(path).is_err_and(|reason| reason.contains("name another")));
         }
     }
 
@@ -330,7 +284,7 @@ mod tests {
         let path = folder.path().join("wall");
         for bytes in [&b"PLYPSTAT and more"[..], b"PLYPSTA3", b"PLYPSTA9", b"PLYPSTA", b"PL", b""] {
             fs::write(&path, bytes).expect("written");
-            assert_eq!((load(&path), check_writable(&path)), (None, Ok(())), "{bytes:?}");
+            assert!(matches!(found(&path), Ok(Found::Damaged(_))), "{bytes:?}");
         }
     }
 }

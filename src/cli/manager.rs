@@ -2,7 +2,7 @@
 
 mod standby;
 
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 use std::pin::pin;
@@ -133,7 +133,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     };
     let baker = baker(store, arguments.bake_memory_mib)?;
     log_file_warnings(&bake_files(&mut wall, &arguments.wall, &baker)?);
-    let memory = state_file(&arguments, &token, &wall.name, address.port());
+    let memory = state_file(&arguments, &token, &wall.name, address.port())?;
     let lock = if arguments.standby { StateLock::share } else { StateLock::take };
     let _lock = memory.as_deref().map(lock).transpose()?;
     let notifier = ServiceNotifier::from_environment(arguments.alive.as_deref())?;
@@ -230,9 +230,14 @@ fn load_keys<T>(
 }
 
 /// The file in which the open scene and the camera are remembered; `None` to remember nothing.
-fn state_file(arguments: &Arguments, token: &Path, wall: &str, port: u16) -> Option<PathBuf> {
+fn state_file(
+    arguments: &Arguments,
+    token: &Path,
+    wall: &str,
+    port: u16,
+) -> anyhow::Result<Option<PathBuf>> {
     if arguments.afresh {
-        return None;
+        return Ok(None);
     }
     // Beside the token: what a user's managers keep stands in one folder. Two managers of one wall
     // have two ports.
@@ -240,7 +245,10 @@ fn state_file(arguments: &Arguments, token: &Path, wall: &str, port: u16) -> Opt
     let path = arguments.state.clone().unwrap_or_else(beside);
     // Its lock and its lease stand beside the file itself, not beside a link to it, which saving
     // would replace.
-    Some(path.canonicalize().unwrap_or(path))
+    match path.canonicalize() {
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(Some(path)),
+        found => found.map(Some).with_context(|| format!("--state {}", path.display())),
+    }
 }
 
 /// Logs where this manager is reached, and by what.
@@ -387,7 +395,7 @@ pub(super) fn bind(listen: &str, may_be_open: bool) -> anyhow::Result<TcpListene
         .collect();
     refuse_open_address(&addresses, may_be_open)?;
     TcpListener::bind(&addresses[..]).map_err(|error| match error.kind() {
-        std::io::ErrorKind::AddrInUse => anyhow::anyhow!(
+        ErrorKind::AddrInUse => anyhow::anyhow!(
             "{listen} is in use; end the manager that runs there (polyptych stop --manager \
              {listen}) or choose another address with --listen"
         ),

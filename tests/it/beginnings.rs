@@ -56,6 +56,23 @@ fn a_state_that_is_no_file_is_refused_at_once() {
 }
 
 #[test]
+fn a_state_that_cannot_be_read_is_not_written_over() {
+    let place = TestDir::new();
+    place.run(["wall", "grid", "-o", "wall.toml"]).succeeded();
+    symlink("loop.state", place.path("loop.state")).expect("linked");
+    for name in ["wall.toml/below.state", "loop.state"] {
+        let state = ["--state", name];
+        place.run(MANAGER.iter().chain(&state)).failed(&["--state", name]);
+    }
+    let damaged = "PLYPSTA6, and then no state";
+    place.write("wall.state", damaged);
+    let state = ["--state", "wall.state"];
+    let mut manager = place.start("manager", MANAGER.iter().chain(&state));
+    manager.await_line(&["the state before was kept", "wall.state.old"]);
+    assert_eq!(fs::read_to_string(place.path("wall.state.old")).expect("a copy"), damaged);
+}
+
+#[test]
 fn a_scene_folder_that_is_missing_is_named_at_the_start() {
     let mut wall = small(1, 1);
     wall.scenes = vec!["no-such-folder".to_owned()];

@@ -150,8 +150,8 @@ mod tests {
 
     fn record(term: u64) -> LeaseRecord {
         let holder = "a".to_owned();
-        let (is_released, is_stopped) = (false, false);
-        LeaseRecord { term, renewal: 0, holder, lease_ms: 1000, is_released, is_stopped }
+        let (is_released, is_stopped, has_state) = (false, false, false);
+        LeaseRecord { term, renewal: 0, holder, lease_ms: 1000, is_released, is_stopped, has_state }
     }
 
     #[test]

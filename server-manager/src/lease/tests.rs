@@ -177,6 +177,32 @@ fn a_released_lease_is_taken_at_once_and_a_removed_one_is_not_renewed() {
 }
 
 #[test]
+fn a_record_that_is_gone_is_not_taken_for_a_free_lease() {
+    let mut first = Contender::new("first".into(), LEASE);
+    let mut second = Contender::new("second".into(), LEASE);
+    let taken = first.step(Duration::ZERO, None).expect("nobody has it");
+    assert_eq!(second.step(Duration::ZERO, Some(&taken)), None);
+    for time in 0..10 {
+        assert_eq!(second.step(time * LEASE, None), None, "its storage may be gone");
+    }
+    let next = second.step(10 * LEASE, Some(&taken)).expect("the storage is back");
+    assert_eq!(next.term, 2);
+}
+
+#[test]
+fn a_record_says_for_good_that_the_state_was_written() {
+    let mut first = Contender::new("first".into(), LEASE);
+    let mut second = Contender::new("second".into(), LEASE);
+    let taken = first.step(Duration::ZERO, None).expect("nobody has it");
+    assert!(!taken.has_state);
+    let written = LeaseRecord { has_state: true, ..taken };
+    let renewed = first.step(LEASE / 3, Some(&written)).expect("renewed");
+    let released = first.release(Some(&renewed)).expect("it was the first's");
+    let next = second.step(LEASE, Some(&released)).expect("it is free");
+    assert!(renewed.has_state && released.has_state && next.has_state);
+}
+
+#[test]
 fn a_standby_waits_by_the_lease_time_of_the_holder() {
     let mut first = Contender::new("first".into(), 3 * LEASE);
     let mut second = Contender::new("second".into(), LEASE / 2);

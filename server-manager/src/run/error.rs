@@ -14,7 +14,7 @@ pub enum ManagerError {
     /// A file of its wall was not baked.
     #[error("the wall's file {0} was not baked")]
     WallFile(String),
-    /// The path of its state file is taken by something else.
+    /// Its state file cannot be read, is another program's, or must be kept and cannot be copied.
     #[error("{0}")]
     State(String),
     /// Another manager has taken the wall over, or its lease could not be renewed.

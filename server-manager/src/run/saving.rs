@@ -13,6 +13,7 @@ use super::EventLoop;
 use super::querying::{Answered, Found};
 use crate::entry_store::{EntryStore, StoreFile};
 use crate::scene_folders;
+use crate::state_file::kept_copy;
 use crate::stored_scene::StoredScene;
 use crate::stored_session::StoredSession;
 
@@ -36,12 +37,10 @@ impl Stores {
 }
 
 /// The file of scenes and sessions beside a state file: another one for each, but the same for
-/// that which was put aside as `FILE.old`.
+/// copies that were kept of it.
 fn store_path(state_file: &Path) -> PathBuf {
-    let is = |path: &Path, extension: &str| path.extension().is_some_and(|it| it == extension);
-    let path =
-        if is(state_file, "old") { state_file.with_extension("") } else { state_file.to_owned() };
-    if is(&path, "state") {
+    let path = kept_copy::original(state_file);
+    if path.extension().is_some_and(|extension| extension == "state") {
         path.with_extension("scenes")
     } else {
         path.with_added_extension("scenes")
@@ -119,6 +118,7 @@ mod tests {
         for (state, scenes) in [
             ("/s/wall.state", "/s/wall.scenes"),
             ("/s/wall.state.old", "/s/wall.scenes"),
+            ("/s/wall.state.old-2", "/s/wall.scenes"),
             ("/s/lab.left", "/s/lab.left.scenes"),
             ("/s/lab.right", "/s/lab.right.scenes"),
             ("/s/wall", "/s/wall.scenes"),

@@ -1,48 +1,73 @@
 //! The start of a core: afresh, or from the state that the last manager of its wall persisted.
 
+use std::path::Path;
+
 use polyptych_core::PersistentState;
 use polyptych_files::blob::BlobStore;
 use polyptych_protocol::ids::Epoch;
 use polyptych_scene::SceneEdits;
+use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 
-use super::ManagerOptions;
+use super::{ManagerError, ManagerOptions};
 use crate::bulk::BlobAllowlist;
+use crate::leadership::Release;
 use crate::recorded_cluster::RecordedCluster;
 use crate::recorder::ClusterConfig;
-use crate::state_file::{Reconciled, StateFile};
+use crate::state_file::{Found, Reconciled, StateFile};
 use crate::{import, state_file};
 
 /// Maximum number of changed keys that are logged one by one.
 const CHANGES_LOGGED_MAX: usize = 32;
 
+/// The manager's own keys, fit for use now.
+pub(super) fn load_keys(folder: &Path) -> Result<Credentials, CredentialsError> {
+    let keys = Credentials::load(folder)?;
+    keys.expect_identity(&NodeIdentity::Manager)?;
+    for warning in keys.warnings() {
+        tracing::warn!("{warning}");
+    }
+    Ok(keys)
+}
+
+/// The state file of this wall and what is in it; `None` for a wall that keeps no state.
+///
+/// # Errors
+/// The file must not be written over.
+pub(super) async fn load_state(
+    options: &ManagerOptions,
+) -> Result<Option<(StateFile, Found)>, ManagerError> {
+    let Some(path) = options.memory.clone() else { return Ok(None) };
+    let state = StateFile::new(path, &options.wall).with_fence(options.leadership.clone());
+    match state.load().await {
+        Ok(found) => Ok(Some((state, found))),
+        Err(error) => Err(refusal(options, error.to_string())),
+    }
+}
+
 /// The core, going on where the last manager of this wall stopped, if there was one and its
 /// scene is still in the store; and the file in which its state is kept.
+///
+/// # Errors
+/// What does not fit any more cannot be kept elsewhere, and would be written over.
 pub(super) fn start_cluster(
     options: &mut ManagerOptions,
+    state: Option<(StateFile, Found)>,
     epoch: Epoch,
     allowed: &BlobAllowlist,
-) -> (RecordedCluster, Option<StateFile>) {
-    let (wall, is_navigable) = (options.wall.clone(), options.is_navigable);
-    let recorder = options.recorder.take();
-    let fence = options.leadership.clone();
-    let state = options.memory.clone();
-    let state = state.map(|path| StateFile::new(path, &wall).with_fence(fence));
-    if let Some(state) = &state {
-        state.remove_abandoned();
-    }
-    let saved = state.as_ref().and_then(|state| state_file::load(state.path()));
-    let (Some(state), Some(saved)) = (&state, saved) else {
-        if let Some(state) = state.as_ref().filter(|state| state.path().exists()) {
-            keep_copy(state);
+) -> Result<(RecordedCluster, Option<StateFile>), ManagerError> {
+    let Some((state, found)) = state else { return Ok((start_afresh(options, epoch), None)) };
+    state.remove_abandoned();
+    let saved = match found {
+        Found::Saved(saved) => *saved,
+        Found::Nothing => return Ok((start_afresh(options, epoch), Some(state))),
+        Found::Damaged(reason) => {
+            let path = state.path().display();
+            tracing::warn!(%path, reason, "what was remembered is of no use");
+            keep_copy(&state, options)?;
+            return Ok((start_afresh(options, epoch), Some(state)));
         }
-        return (
-            RecordedCluster::new(
-                ClusterConfig { wall, epoch, memory: None, outline: None, is_navigable },
-                recorder,
-            ),
-            state,
-        );
     };
+    let (wall, is_navigable) = (options.wall.clone(), options.is_navigable);
     let reconciled = state_file::reconcile(saved, &wall);
     log(&reconciled);
     let (has_changed, mut has_dropped) = (reconciled.has_changed(), reconciled.has_dropped());
@@ -81,7 +106,7 @@ pub(super) fn start_cluster(
         has_dropped = true;
     }
     if has_dropped {
-        keep_copy(state);
+        keep_copy(&state, options)?;
     }
     allowed.allow(&memory.environment.iter().map(|of| of.blob).collect::<Vec<_>>());
     // What was said once is not said again by the next manager.
@@ -89,11 +114,23 @@ pub(super) fn start_cluster(
         tracing::warn!(path = %state.path().display(), %error, "cannot remember the state");
     }
     tracing::info!(revision = memory.revision.0, "going on where the last manager stopped");
-    let core = RecordedCluster::new(
-        ClusterConfig { wall, epoch, memory: Some(memory), outline, is_navigable },
-        recorder,
-    );
-    (core, Some(state.clone()))
+    let config = ClusterConfig { wall, epoch, memory: Some(memory), outline, is_navigable };
+    let core = RecordedCluster::new(config, options.recorder.take());
+    Ok((core, Some(state)))
+}
+
+fn start_afresh(options: &mut ManagerOptions, epoch: Epoch) -> RecordedCluster {
+    let (wall, is_navigable) = (options.wall.clone(), options.is_navigable);
+    let config = ClusterConfig { wall, epoch, memory: None, outline: None, is_navigable };
+    RecordedCluster::new(config, options.recorder.take())
+}
+
+/// Gives the lease up, if there is one, since another manager of the wall may do better.
+fn refusal(options: &ManagerOptions, reason: String) -> ManagerError {
+    if let Some(leadership) = &options.leadership {
+        leadership.release(Release::Ended);
+    }
+    ManagerError::State(reason)
 }
 
 /// Lets servers have what was added to the remembered scene.
@@ -134,15 +171,18 @@ fn log(reconciled: &Reconciled) {
 
 /// Keeps what was remembered beside the state file, where this start does not go on with all of it:
 /// a store that was not mounted yet must not cost the edits of a scene.
-fn keep_copy(state: &StateFile) {
-    match state.keep_copy() {
-        Ok(copy) => {
-            let copy = copy.display();
-            tracing::warn!(%copy, "the state before was kept; read it with --state COPY");
-        }
-        Err(error) => {
-            let path = state.path().display();
-            tracing::warn!(%path, %error, "cannot keep a copy of the state before");
-        }
-    }
+///
+/// # Errors
+/// It cannot be kept, so that the file is the only one.
+fn keep_copy(state: &StateFile, options: &ManagerOptions) -> Result<(), ManagerError> {
+    let copy = state.keep_copy().map_err(|error| {
+        let path = state.path().display();
+        let reason = format!(
+            "the state file {path} cannot be used as it is, and no copy of it kept: {error}; make \
+             room beside it, or move it away to begin without it"
+        );
+        refusal(options, reason)
+    })?;
+    tracing::warn!(copy = %copy.display(), "the state before was kept; read it with --state COPY");
+    Ok(())
 }

@@ -82,7 +82,8 @@ mod tests {
     use polyptych_wall::Wall;
 
     use super::*;
-    use crate::state_file::{StateFile, decode};
+    use crate::state_file::StateFile;
+    use crate::state_file::found::decode;
     use polyptych_core::PersistentState;
 
     /// States that are acknowledged in an ordinary run.

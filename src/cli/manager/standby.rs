@@ -33,6 +33,12 @@ struct Watch<'a> {
 impl Watch<'_> {
     fn look(&mut self, found: Option<&LeaseRecord>) {
         let now = Instant::now();
+        if found.is_none() && self.told.take().is_some() {
+            tracing::warn!(
+                "waiting: the lease file is not there any more; mount its storage, or start all \
+                 managers of this wall anew"
+            );
+        }
         if let Some(found) = found.filter(|found| self.last.as_ref().is_none_or(|l| l.0 != **found))
         {
             self.last = Some((found.clone(), now));
