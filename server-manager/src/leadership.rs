@@ -2,17 +2,17 @@
 //! each command whether it still holds.
 
 use std::io;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::{Builder, park_timeout};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::ids::Term;
 use polyptych_protocol::leader_status::LeaderStatus;
 use tokio_util::sync::CancellationToken;
 
-use crate::lease::{Contender, LeaseFile, LeaseFileError, LeaseRecord};
+use crate::lease::{ClockReading, Contender, LeaseFile, LeaseFileError, LeaseRecord};
 
 /// Maximum time between two looks of a manager that waits: its supervisor hears from it as often.
 const LOOK_PERIOD_MAX: Duration = Duration::from_millis(500);
@@ -33,8 +33,8 @@ struct Shared {
     started: Instant,
     /// Locked while the record is renewed.
     contender: Mutex<Contender>,
-    /// The end of the lease in microseconds of that clock, as the last renewal has it.
-    valid_until_us: AtomicU64,
+    /// The end of the lease, as the last renewal has it. Locked for no longer than to copy it.
+    valid_until: Mutex<ClockReading>,
     is_released: AtomicBool,
     /// `true` while this process does what it holds the lock for.
     is_fenced: AtomicBool,
@@ -86,7 +86,7 @@ impl Leadership {
                 }
                 was_led |= is_led;
                 let mut next = contender.clone();
-                let record = next.step(started.elapsed(), found);
+                let record = next.step(read_clocks(started), found);
                 (record, (false, next))
             });
             match looked {
@@ -126,7 +126,7 @@ impl Leadership {
             period,
             started,
             contender: Mutex::new(contender),
-            valid_until_us: AtomicU64::new(0),
+            valid_until: Mutex::default(),
             is_released: AtomicBool::new(false),
             is_fenced: AtomicBool::new(false),
             lost: CancellationToken::new(),
@@ -168,8 +168,8 @@ impl Leadership {
     }
 
     /// Returns whether this manager may command now. A lease that has run out is renewed first,
-    /// unless another manager has it: a process that was stopped for a while goes on, or never
-    /// commands again.
+    /// unless another manager has it: a process that was stopped for a while, or whose machine
+    /// slept, goes on, or never commands again.
     pub fn is_held(&self) -> bool {
         let shared = &self.shared;
         if shared.is_over() {
@@ -267,12 +267,12 @@ pub(crate) async fn until_lost(
 
 impl Shared {
     fn is_valid(&self) -> bool {
-        let now_us = self.started.elapsed().as_micros() as u64;
-        now_us < self.valid_until_us.load(Ordering::Acquire)
+        let until = *self.valid_until.lock().unwrap_or_else(PoisonError::into_inner);
+        read_clocks(self.started).is_before(until)
     }
 
-    fn set_valid_until(&self, until: Duration) {
-        self.valid_until_us.store(until.as_micros() as u64, Ordering::Release);
+    fn set_valid_until(&self, until: ClockReading) {
+        *self.valid_until.lock().unwrap_or_else(PoisonError::into_inner) = until;
     }
 
     fn is_over(&self) -> bool {
@@ -287,7 +287,7 @@ impl Shared {
         }
         let (next, reason) = self.file.locked(|found| {
             let mut next = contender.clone();
-            let record = next.step(self.started.elapsed(), found);
+            let record = next.step(read_clocks(self.started), found);
             let reason = record.is_none().then(|| led_by(found));
             (record, (next, reason))
         })?;
@@ -313,6 +313,14 @@ impl Shared {
         self.lost.cancel();
         reason
     }
+}
+
+/// Reads the clocks of this machine. If it sleeps between the two, the second one says so.
+fn read_clocks(started: Instant) -> ClockReading {
+    let awake = started.elapsed();
+    let of_day = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    // Without a battery a machine may be in 1970.
+    ClockReading { awake, of_day: of_day.unwrap_or_default() }
 }
 
 /// Returns the reason for which a lease is lost whose file has this record.
@@ -378,7 +386,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let leader = lead(&folder, "first");
         let written = leader.fenced(|| {
-            leader.shared.set_valid_until(Duration::ZERO);
+            leader.shared.set_valid_until(ClockReading::default());
             assert!(!leader.is_held(), "it cannot be renewed now");
             Ok(leader.lost_reason().is_none())
         });
@@ -390,12 +398,29 @@ mod tests {
     fn a_lease_that_ran_out_is_renewed_before_the_next_command() {
         let folder = tempfile::tempdir().expect("a folder");
         let first = lead(&folder, "first");
-        first.shared.set_valid_until(Duration::ZERO);
+        first.shared.set_valid_until(ClockReading::default());
         assert!(first.is_held(), "nobody has taken it");
         std::fs::remove_file(folder.path().join("wall.state.lease")).expect("removed");
-        first.shared.set_valid_until(Duration::ZERO);
+        first.shared.set_valid_until(ClockReading::default());
         assert!(!first.is_held());
         assert_eq!(first.lost_reason(), Some("the lease file was removed"));
+    }
+
+    #[test]
+    fn a_leader_whose_machine_slept_looks_at_the_lease_first() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let first = lead(&folder, "first");
+        // By the clock that stood still it holds the lease for long, by the time of day no more.
+        let slept = ClockReading { awake: Duration::from_hours(1), of_day: Duration::ZERO };
+        first.shared.set_valid_until(slept);
+        assert!(first.is_held(), "nobody has taken it");
+        first.shared.is_released.store(true, Ordering::Relaxed);
+        let second = lead(&folder, "second");
+        first.shared.is_released.store(false, Ordering::Relaxed);
+        first.shared.set_valid_until(slept);
+        assert!(!first.is_held() && second.is_held());
+        let reason = first.lost_reason().expect("it has looked");
+        assert!(reason.contains("second leads the wall now"), "{reason}");
     }
 
     #[test]

@@ -12,6 +12,10 @@
 //!
 //! So no two believe to hold the lease at once, unless the rates of their clocks differ by more
 //! than a third. This is how lease locks work: Gray and Cheriton, "Leases", SOSP 1989.
+//!
+//! A clock that is never set stands still while its machine sleeps, and the lease goes to another.
+//! So a holder looks at the time of day too: the lease is over once either clock says so. A time of
+//! day that is set forward costs one look at the record; a candidate counts what it was awake for.
 
 mod lease_file;
 
@@ -56,6 +60,27 @@ pub struct LeaseRecord {
     pub has_state: bool,
 }
 
+/// The two clocks of a manager's machine, read one after the other in this order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ClockReading {
+    /// Time since the manager started, by a clock that nobody sets, and that stands still while the
+    /// machine sleeps.
+    pub awake: Duration,
+    /// Time of day, since 1970: it goes on while the machine sleeps, and may be set.
+    pub of_day: Duration,
+}
+
+impl ClockReading {
+    /// Returns whether both clocks are before this end.
+    pub fn is_before(self, end: Self) -> bool {
+        self.awake < end.awake && self.of_day < end.of_day
+    }
+
+    fn after(self, time: Duration) -> Self {
+        Self { awake: self.awake + time, of_day: self.of_day + time }
+    }
+}
+
 /// The part of one manager in the lease.
 #[derive(Clone, Debug)]
 pub struct Contender {
@@ -69,10 +94,10 @@ enum State {
     /// It watches the record.
     Watching(Option<Seen>),
     /// It held the lease when it last wrote.
-    Holding { term: u64, valid_until: Duration },
+    Holding { term: u64, valid_until: ClockReading },
 }
 
-/// A record, and the time at which it was first seen.
+/// A record, and the time awake at which it was first seen.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
     term: u64,
@@ -88,10 +113,10 @@ impl Contender {
 
     /// Takes or renews the lease if it may, and returns the record to write.
     ///
-    /// `found` was read under the lock, `now` is this manager's clock after that, and the record is
-    /// written before the lock is released. If writing fails, the contender as it was before the
+    /// `found` was read under the lock, `now` are this manager's clocks after that, and the record
+    /// is written before the lock is released. If writing fails, the contender as it was before the
     /// call goes on.
-    pub fn step(&mut self, now: Duration, found: Option<&LeaseRecord>) -> Option<LeaseRecord> {
+    pub fn step(&mut self, now: ClockReading, found: Option<&LeaseRecord>) -> Option<LeaseRecord> {
         let next = match (self.state, found) {
             (State::Holding { term, .. }, Some(found)) if self.is_mine(term, found) => {
                 (term, found.renewal + 1)
@@ -105,7 +130,7 @@ impl Contender {
                 let is_same =
                     |seen: &Seen| (seen.term, seen.renewal) == (found.term, found.renewal);
                 let seen = seen.filter(is_same).unwrap_or_else(|| Seen::first(now, found));
-                if now < seen.since + Duration::from_millis(found.lease_ms) {
+                if now.awake < seen.since + Duration::from_millis(found.lease_ms) {
                     self.state = State::Watching(Some(seen));
                     return None;
                 }
@@ -116,7 +141,7 @@ impl Contender {
             (State::Watching(_), found) => (found.map_or(0, |found| found.term) + 1, 0),
         };
         let (term, renewal) = next;
-        self.state = State::Holding { term, valid_until: now + self.lease_time * 2 / 3 };
+        self.state = State::Holding { term, valid_until: now.after(self.lease_time * 2 / 3) };
         let (holder, lease_ms) = (self.name.clone(), self.lease_time.as_millis() as u64);
         let (is_released, is_stopped) = (false, false);
         let has_state = found.is_some_and(|found| found.has_state);
@@ -132,8 +157,9 @@ impl Contender {
         Some(LeaseRecord { is_released: true, ..mine.clone() })
     }
 
-    /// Returns the time until which this manager may lead; `None` if it does not hold the lease.
-    pub fn valid_until(&self) -> Option<Duration> {
+    /// Returns the end of the time in which this manager may lead, by both clocks; `None` if it does
+    /// not hold the lease.
+    pub fn valid_until(&self) -> Option<ClockReading> {
         match self.state {
             State::Watching(_) => None,
             State::Holding { valid_until, .. } => Some(valid_until),
@@ -162,8 +188,8 @@ impl Contender {
 }
 
 impl Seen {
-    fn first(now: Duration, found: &LeaseRecord) -> Self {
-        Self { term: found.term, renewal: found.renewal, since: now }
+    fn first(now: ClockReading, found: &LeaseRecord) -> Self {
+        Self { term: found.term, renewal: found.renewal, since: now.awake }
     }
 }
 

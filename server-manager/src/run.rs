@@ -420,6 +420,12 @@ impl EventLoop {
         self.options.leadership.as_ref().is_none_or(Leadership::is_held)
     }
 
+    /// Returns whether another manager leads instead, as far as the lease can be looked at.
+    fn is_replaced(&self) -> bool {
+        let leadership = self.options.leadership.as_ref();
+        leadership.is_some_and(|of| !of.is_held() && of.lost_reason().is_some())
+    }
+
     /// Tells the core what it cannot refuse.
     fn tell(&mut self, now: Micros, input: Input) {
         // Only servers are refused, where they join.
@@ -439,12 +445,11 @@ impl EventLoop {
         self.forget_client(now, session, reason);
     }
 
-    /// Does what the core wants done.
+    /// Does what the core wants done, as long as this manager leads.
     fn carry_out(&mut self) {
-        if !self.leads() {
-            return;
-        }
-        while let Some(output) = self.cluster.poll_effect() {
+        while self.leads()
+            && let Some(output) = self.cluster.poll_effect()
+        {
             match output {
                 Effect::Command { to, command } => {
                     // Once for all of them.

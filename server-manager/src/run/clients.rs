@@ -69,10 +69,7 @@ impl EventLoop {
 
     /// Serves the requests that wait, in turn and within the budget.
     pub(super) fn serve_clients(&mut self) {
-        if !self.leads() {
-            return;
-        }
-        loop {
+        while self.leads() {
             let now = self.now();
             let clients = &self.clients;
             let may_ask = |session| {
@@ -150,6 +147,10 @@ impl EventLoop {
     }
 
     fn send_answer(&mut self, to: SessionId, mut answer: MessageToClient) {
+        // Another manager answers for the wall; the connection is closed with the reason.
+        if self.is_replaced() {
+            return;
+        }
         let Some(seat) = self.clients.get(&to) else { return };
         let link = &seat.link;
         // Feedback and progress that nobody reads may be lost; an answer may not.
@@ -192,6 +193,9 @@ impl EventLoop {
 
     /// Sends the answers that have waited for the disk.
     pub(super) fn release_answers(&mut self) {
+        if !self.leads() {
+            return;
+        }
         let Some(keeper) = &mut self.keeper else { return };
         for (to, answer, warning) in keeper.release() {
             self.send_with(to, warning, answer);
