@@ -83,9 +83,14 @@ impl Client {
     /// Returns once that frame was swapped, which a paused wall draws for it. Transactions that
     /// come faster than frames are shown together. The manager remembers what was changed.
     ///
+    /// Those of one client that bring assets are applied in the order in which they were sent. One
+    /// without waits for those only that change a node, material, layer or variant that it changes
+    /// too.
+    ///
     /// # Errors
     /// [`ClientError`]; [`ClientError::Failed`] names the edit that cannot be, or the node that
-    /// somebody else has changed since [`Transaction::base`].
+    /// somebody else has changed since [`Transaction::base`], or says that another scene was opened
+    /// while assets were read.
     pub async fn commit(&self, transaction: Transaction) -> Result<Edited, ClientError> {
         match self.request(Request::Edit(transaction)).await? {
             Response::Edited(edited) => Ok(edited),

@@ -132,7 +132,7 @@ pub enum Request {
         changes: Vec<CalibrationChange>,
     },
     /// Changes the open scene, all of it or nothing; answered once a frame with it was swapped. A
-    /// wall that is paused makes one for it.
+    /// wall that is paused makes one for it. Refused if the scene is replaced while files are read.
     Edit(Transaction),
     /// Asks for nodes of the open scene, as the state has it that frames name.
     FindNodes(NodeQuery),

@@ -13,6 +13,7 @@ mod querying;
 mod saving;
 mod shutdown;
 mod startup;
+mod transaction_queue;
 
 use std::collections::BTreeMap;
 use std::future::Future;
@@ -22,7 +23,7 @@ use std::time::Duration;
 
 use clients::{ClientSeat, progress_of, wait_for_news};
 pub use error::ManagerError;
-use importing::{BakedRequest, Baking, Imported};
+use importing::{Baked, BakedRequest, Baking, Imported};
 use life_signs::LifeSigns;
 use network::Network;
 use polyptych_core::log_limiter::LogLimiter;
@@ -37,6 +38,7 @@ use polyptych_wall::Wall;
 use querying::Queries;
 use tokio::sync::{Semaphore, mpsc};
 use tokio::time::Instant;
+use transaction_queue::TransactionQueue;
 
 use crate::authenticator::Authenticator;
 use crate::bulk::{BlobAllowlist, PictureOf};
@@ -177,6 +179,8 @@ struct EventLoop {
     baked_assets: (mpsc::Sender<BakedRequest>, mpsc::Receiver<BakedRequest>),
     /// Requests whose files are being baked.
     asset_bakes: Vec<ClientRequest>,
+    /// Transactions that wait for such, or behind one that does.
+    transactions: TransactionQueue<Baked>,
     /// The progress that bakers report.
     progress: (mpsc::Sender<Baking>, mpsc::Receiver<Baking>),
     queries: Queries,
@@ -237,6 +241,7 @@ impl EventLoop {
             imported: mpsc::channel(16),
             baked_assets: mpsc::channel(16),
             asset_bakes: Vec::new(),
+            transactions: TransactionQueue::new(),
             progress: mpsc::channel(16),
             queries: Queries::new(blobs.clone()),
             stores,

@@ -4,7 +4,7 @@ use image::RgbaImage;
 use polyptych_client::glam::{DAffine3, DVec3, Vec3, Vec4};
 use polyptych_client::{
     AssetSource, Assets, Camera, ChannelState, Material, MeshData, NewNode, NodeId, NodeQuery, Ray,
-    RayQuery, Transaction, provisional_asset,
+    RayQuery, Request, Response, Transaction, provisional_asset,
 };
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::transaction::BakedAssets;
@@ -173,6 +173,35 @@ fn a_file_below_a_node_is_the_picture_of_the_file_that_has_both() {
     // A file without meshes brings its places.
     local.run(&["scene", "import", "post.glb"]).succeeded();
     check("a post more", &picture(&local), &without, &IDENTICAL);
+}
+
+#[test]
+fn transactions_of_a_program_are_applied_in_its_order() {
+    // What was not baked before takes its time.
+    let place = TestDir::unbaked();
+    place.write("flag.glb", flag().glb());
+    let folder = place.write("post.glb", post().glb()).parent().expect("a folder").to_owned();
+    let local = LocalWall::start_in(place, &small(2, 1), &[&folder], ANY_PORT);
+    let client = local.client();
+    client.open_scene("post.glb").expect("opened");
+    let (assets, mesh) = cloth();
+    let below = NewNode { name: "flag".into(), ..NewNode::default() };
+    let mut first = Transaction::default().with_scene(AssetSource::File("flag.glb".into()), below);
+    first.set_name(NodeId(0), "first");
+    let mut second = Transaction::default().with_assets(assets.to_source().expect("sound"));
+    second.create(NewNode { mesh: Some(mesh), ..NewNode::default() });
+    let mut third = Transaction::default();
+    third.set_name(NodeId(0), "third");
+    let sent = [first, second, third]
+        .map(|transaction| client.submit(Request::Edit(transaction)).expect("sent"));
+    let [first, second, third] = sent.map(|pending| match pending.wait() {
+        Ok(Response::Edited(edited)) => edited,
+        other => panic!("{other:?}"),
+    });
+    assert!(first.revision <= second.revision && first.revision <= third.revision);
+    assert!(first.created.last() < second.created.first(), "{first:?} {second:?}");
+    let found = client.find_all_nodes(NodeQuery::default()).expect("found");
+    assert_eq!(found[0].name, "third", "it does not go ahead of what changes the same");
 }
 
 #[test]

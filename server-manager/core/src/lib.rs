@@ -80,6 +80,7 @@ use pace::Pacer;
 pub use persistent_state::PersistentState;
 use pipeline::Pipeline;
 use registry::Registry;
+pub use scene_editing::EditTarget;
 pub use sessions::ImportedSession;
 use skew::SkewTracker;
 pub use snapshot::Snapshot;

@@ -42,15 +42,20 @@ pub(super) struct EditWaiter {
 
 /// The part of a scene that an edit changes.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-enum Target {
+pub enum EditTarget {
+    /// A node.
     Node(NodeId),
+    /// A material, by its number.
     Material(u32),
+    /// Whether a layer is shown.
     Layer(String),
+    /// The variant that is shown.
     Variant,
 }
 
-impl Target {
-    fn of(edit: &Edit) -> Option<Self> {
+impl EditTarget {
+    /// Returns the part that an edit changes; `None` for one of assets.
+    pub fn of(edit: &Edit) -> Option<Self> {
         match edit {
             Edit::SetMaterial { material, .. } => Some(Self::Material(*material)),
             Edit::SetLayerVisible { layer, .. } => Some(Self::Layer(layer.clone())),
@@ -60,7 +65,7 @@ impl Target {
     }
 }
 
-impl std::fmt::Display for Target {
+impl std::fmt::Display for EditTarget {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Node(node) => node.fmt(f),
@@ -88,7 +93,7 @@ pub(super) struct SceneEditing {
     next_node: u64,
     /// The state from which on each target is as it was last changed; `None` where no frame names
     /// it yet.
-    changed: BTreeMap<Target, Option<Revision>>,
+    changed: BTreeMap<EditTarget, Option<Revision>>,
     /// Those whose transaction is in the state that frames name.
     waiters: Vec<(Revision, EditWaiter)>,
     /// Nodes that end with a client's connection.
@@ -210,7 +215,7 @@ impl SceneEditing {
         }
         self.complete(outline, &mut numbered)?;
         self.next_node = first + created.len() as u64;
-        for target in numbered.iter().filter_map(Target::of) {
+        for target in numbered.iter().filter_map(EditTarget::of) {
             self.changed.insert(target, None);
         }
         let assets = assets.map(|set| AssetNumbers {
@@ -271,7 +276,7 @@ impl SceneEditing {
     /// Checks that the target of an edit was not changed since `base`, the revision that the client
     /// has seen.
     fn check_conflict(&self, base: Option<Revision>, edit: &Edit) -> Result<(), String> {
-        let (Some(base), Some(target)) = (base, Target::of(edit)) else { return Ok(()) };
+        let (Some(base), Some(target)) = (base, EditTarget::of(edit)) else { return Ok(()) };
         if base < self.since {
             return Err(format!(
                 "it builds on revision {base}, before the scene was opened or the manager started \
@@ -341,6 +346,12 @@ impl Cluster {
         self.editing.latest
     }
 
+    /// The state in which the scene that frames show was opened, or with which this manager began:
+    /// another one for each time that a scene is opened or closed.
+    pub fn scene_opened_at(&self) -> Revision {
+        self.editing.since
+    }
+
     /// Returns a fingerprint of all accepted edits.
     #[cfg(test)]
     pub(super) fn editing_fingerprint(&self) -> u64 {
@@ -402,20 +413,20 @@ impl Cluster {
     ) {
         let revision = self.shown.revision;
         self.editing.latest = revision;
-        for target in edits_of(operations).filter_map(Target::of) {
+        for target in edits_of(operations).filter_map(EditTarget::of) {
             // The number of a node that was made and is gone is not given again.
             let is_gone = |node: NodeId| {
                 let of_file = self.editing.outline.as_ref().is_some_and(|of| node.0 < of.nodes());
                 !of_file && self.shown.edits.node(node).is_none()
             };
-            if matches!(target, Target::Node(node) if is_gone(node)) {
+            if matches!(target, EditTarget::Node(node) if is_gone(node)) {
                 self.editing.changed.remove(&target);
             } else {
                 self.editing.changed.insert(target, Some(revision));
             }
         }
         let waiting = self.changes.queued().flat_map(|change| edits_of(&change.operations));
-        for target in waiting.filter_map(Target::of) {
+        for target in waiting.filter_map(EditTarget::of) {
             self.editing.changed.insert(target, None);
         }
         let waiters = waiters.into_iter().map(|waiter| (revision, waiter));

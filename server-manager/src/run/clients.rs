@@ -86,11 +86,7 @@ impl EventLoop {
                     let (id, request) = (call.id, call.request);
                     is_reset = matches!(request, Request::Statistics { reset: true });
                     match request {
-                        Request::Edit(mut transaction) if transaction.assets.is_some() => {
-                            if let Some(assets) = transaction.assets.take() {
-                                self.bake_assets(from, id, transaction, assets);
-                            }
-                        }
+                        Request::Edit(transaction) => self.edit(from, id, transaction),
                         Request::SetEnvironment(source) if source != EnvironmentSource::None => {
                             self.bake_environment(from, id, source);
                         }
@@ -225,6 +221,7 @@ impl EventLoop {
         self.cluster.session_span(session).in_scope(tell);
         seat.link.close.cancel();
         self.turns.forget(session);
+        self.transactions.forget(session);
         self.tell(now, Input::ClientGone { session });
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use polyptych_scene::{Edit, NodeId, SceneEdits};
 use serde::{Deserialize, Serialize};
 
-use super::Target;
+use super::EditTarget;
 use crate::{Cluster, Micros, SessionId};
 
 /// Time after which nodes are taken away that could not be, since a change was refused or others
@@ -72,7 +72,7 @@ impl Cluster {
             editing.accepted.apply(Edit::RemoveAssets(unused));
             edits.push(Edit::RemoveAssets(unused));
         }
-        for target in edits.iter().filter_map(Target::of) {
+        for target in edits.iter().filter_map(EditTarget::of) {
             editing.changed.insert(target, None);
         }
         self.request_edits(now, edits, None);
