@@ -190,6 +190,7 @@ fn transactions_of_a_program_are_applied_in_its_order() {
     first.set_name(NodeId(0), "first");
     let mut second = Transaction::default().with_assets(assets.to_source().expect("sound"));
     second.create(NewNode { mesh: Some(mesh), ..NewNode::default() });
+    second.set_name(NodeId(0), "second");
     let mut third = Transaction::default();
     third.set_name(NodeId(0), "third");
     let sent = [first, second, third]

@@ -1,13 +1,6 @@
 //! Transactions that wait until the files that they bring are read, and those that must not go
-//! ahead of them.
-//!
-//! ```text
-//! with files      behind all of the same client with files that were sent before
-//! without files   at once; but behind one of the same client that waits and changes the same
-//! ```
-//!
-//! So what a client does to one node, material, layer or variant is done in its order, and no
-//! client waits for another.
+//! ahead of them: later ones of the same client that change the same node, material, layer or
+//! variant. No other waits, so that a long import does not hold up what a program shows meanwhile.
 
 use std::collections::BTreeSet;
 
@@ -32,7 +25,6 @@ pub(super) struct TransactionQueue<T> {
 struct Waiting<T> {
     ticket: Ticket,
     job: ClientRequest,
-    has_files: bool,
     /// The parts of the scene that it changes.
     targets: BTreeSet<EditTarget>,
     /// The state in which the scene was opened that it is for.
@@ -104,8 +96,8 @@ impl<T> TransactionQueue<T> {
     ) -> Ticket {
         self.last += 1;
         let ticket = Ticket(self.last);
-        let (has_files, targets) = (ready.is_none(), targets(transaction).collect());
-        self.waiting.push(Waiting { ticket, job, has_files, targets, scene, ready });
+        let targets = targets(transaction).collect();
+        self.waiting.push(Waiting { ticket, job, targets, scene, ready });
         ticket
     }
 
@@ -143,9 +135,7 @@ impl<T> TransactionQueue<T> {
 impl<T> Waiting<T> {
     /// Returns whether this one, which came earlier, must go before a later one.
     fn is_before(&self, later: &Self) -> bool {
-        let are_files_in_order = self.has_files && later.has_files;
-        self.job.client == later.job.client
-            && (are_files_in_order || !self.targets.is_disjoint(&later.targets))
+        self.job.client == later.job.client && !self.targets.is_disjoint(&later.targets)
     }
 }
 
@@ -180,11 +170,14 @@ mod tests {
     }
 
     #[test]
-    fn transactions_with_files_go_in_their_clients_order() {
+    fn what_changes_the_same_goes_in_its_clients_order() {
         let mut queue = TransactionQueue::new();
         let [first, second, third] =
-            [1, 2, 3].map(|id| queue.add_reading(job(ANN, id), SCENE, &showing(None)));
-        let other = queue.add_reading(job(BOB, 1), SCENE, &showing(None));
+            [1, 2, 3].map(|id| queue.add_reading(job(ANN, id), SCENE, &showing(Some(4))));
+        let other = queue.add_reading(job(BOB, 1), SCENE, &showing(Some(4)));
+        let apart = queue.add_reading(job(ANN, 4), SCENE, &showing(None));
+        queue.set_ready(apart, "read");
+        assert_eq!(popped(&mut queue, ANN), [4], "it only makes something");
         queue.set_ready(third, "read");
         queue.set_ready(other, "read");
         assert_eq!((popped(&mut queue, ANN), popped(&mut queue, BOB)), (vec![], vec![1]));
@@ -223,9 +216,9 @@ mod tests {
         assert!(queue.holds(ANN, &name));
         queue.add_held(job(ANN, 5), SCENE, &name, "later");
         queue.set_ready(second, "read");
-        assert_eq!(popped(&mut queue, ANN), [0; 0]);
+        assert_eq!(popped(&mut queue, ANN), [2]);
         queue.set_ready(first, "read");
-        assert_eq!(popped(&mut queue, ANN), [1, 2, 3, 4, 5]);
+        assert_eq!(popped(&mut queue, ANN), [1, 3, 4, 5]);
     }
 
     #[test]
