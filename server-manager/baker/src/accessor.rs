@@ -5,12 +5,17 @@
 
 use polyptych_text::counted;
 
+use super::buffer::ByteSpan;
 use super::error::BakeError;
 use super::source::GltfSource;
+use super::source_file::READ_BYTES;
 
 /// Most elements of an accessor that has no bytes of its own (all zeros, perhaps with some
 /// replaced): larger counts would be memory for nothing.
 pub(super) const ZEROS_MAX: u64 = 1 << 22;
+
+/// Largest number of bytes from one element to the next, rounded up; glTF allows no more than 252.
+const STRIDE_USUAL: u64 = 256;
 
 /// The type of a component in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,24 +93,40 @@ pub(super) fn has_data(source: &GltfSource, index: u32) -> bool {
     json.is_none_or(|json| json.buffer_view.is_some() || json.sparse.is_some())
 }
 
-/// Bytes that elements lie in, one every `stride`; in bounds for as many as were asked for.
+/// Elements that lie in bytes, one every `stride`.
 #[derive(Clone, Copy, Debug)]
 struct Elements<'a> {
-    bytes: &'a [u8],
+    bytes: ByteSpan<'a>,
+    /// Bytes of an element.
+    size: usize,
+    /// At least `size`.
     stride: usize,
+    count: usize,
 }
 
-impl<'a> Elements<'a> {
-    fn at(&self, index: usize) -> &'a [u8] {
-        index.checked_mul(self.stride).and_then(|start| self.bytes.get(start..)).unwrap_or(&[])
+impl Elements<'_> {
+    /// Reads all of them, of a file some at a time.
+    fn read<T>(&self, place: &str, read: impl Fn(&[u8]) -> T) -> Result<Vec<T>, BakeError> {
+        let mut out = Vec::with_capacity(self.count);
+        let step = (READ_BYTES / self.stride).max(1);
+        let mut rest = self.bytes;
+        while out.len() < self.count {
+            let count = step.min(self.count - out.len());
+            let (run, others) = rest.split((count * self.stride) as u64);
+            // Without what lies between the last element and the next one.
+            let (run, _) = run.split(((count - 1) * self.stride + self.size) as u64);
+            let bytes = run.bytes(place)?;
+            out.extend((0..count).map(|at| read(bytes.get(at * self.stride..).unwrap_or(&[]))));
+            rest = others;
+        }
+        Ok(out)
     }
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Sparse<'a> {
-    count: usize,
-    indices: Elements<'a>,
-    index: Component,
+    /// Those of the replaced elements.
+    indices: Vec<u32>,
     values: Elements<'a>,
 }
 
@@ -187,7 +208,7 @@ impl<'a> Accessor<'a> {
                 None => 0.0,
             })
         };
-        Ok(self.elements([0.0; N], read))
+        self.elements([0.0; N], read)
     }
 
     /// All elements as unsigned integers.
@@ -202,7 +223,7 @@ impl<'a> Accessor<'a> {
         let read = |bytes: &[u8]| {
             std::array::from_fn(|i| bytes.get(i * size..).map_or(0, |b| self.component.index(b)))
         };
-        Ok(self.elements([0; N], read))
+        self.elements([0; N], read)
     }
 
     /// All elements as indices.
@@ -213,24 +234,23 @@ impl<'a> Accessor<'a> {
             let right = "SCALAR of unsigned 8-, 16- or 32-bit integers would be right";
             return Err(BakeError::at(&self.place, what, right));
         }
-        let values = self.elements(0, |bytes| self.component.index(bytes));
+        let values = self.elements(0, |bytes| self.component.index(bytes))?;
         Ok(Indices { values, restart: self.component.restart() })
     }
 
-    fn elements<T: Clone>(&self, zero: T, read: impl Fn(&[u8]) -> T) -> Vec<T> {
-        let mut out = match self.base {
-            Some(base) => (0..self.count).map(|i| read(base.at(i))).collect(),
+    fn elements<T: Clone>(&self, zero: T, read: impl Fn(&[u8]) -> T) -> Result<Vec<T>, BakeError> {
+        let mut out = match &self.base {
+            Some(base) => base.read(&self.place, &read)?,
             None => vec![zero; self.count],
         };
-        if let Some(sparse) = self.sparse {
-            for i in 0..sparse.count {
-                let index = sparse.index.index(sparse.indices.at(i)) as usize;
-                if let Some(slot) = out.get_mut(index) {
-                    *slot = read(sparse.values.at(i));
+        if let Some(Sparse { indices, values }) = &self.sparse {
+            for (index, value) in indices.iter().zip(values.read(&self.place, &read)?) {
+                if let Some(slot) = out.get_mut(*index as usize) {
+                    *slot = value;
                 }
             }
         }
-        out
+        Ok(out)
     }
 }
 
@@ -256,18 +276,17 @@ fn open_sparse<'a>(
         elements(source, at.buffer_view, at.byte_offset, index.size(), sparse.count, &place)?;
     let values =
         elements(source, values.buffer_view, values.byte_offset, size, sparse.count, &place)?;
-    let opened = Sparse { count: sparse.count as usize, indices, index, values };
-    let beyond = |i: &usize| u64::from(index.index(indices.at(*i))) >= count;
-    match (0..opened.count).find(beyond) {
-        None => Ok(opened),
+    let indices = indices.read(&place, |bytes| index.index(bytes))?;
+    match indices.iter().position(|at| u64::from(*at) >= count) {
+        None => Ok(Sparse { indices, values }),
         Some(i) => {
-            let what = format!("index {i} is {}", index.index(indices.at(i)));
+            let what = format!("index {i} is {}", indices[i]);
             Err(BakeError::at(place, what, format!("below {count} would be right")))
         }
     }
 }
 
-/// The bytes of `count` elements of `size` bytes each, checked to lie inside the view.
+/// The place of `count` elements of `size` bytes each, checked to lie inside the view.
 fn elements<'a>(
     source: &'a GltfSource,
     view: u32,
@@ -286,17 +305,20 @@ fn elements<'a>(
         0 => Some(0),
         _ => (count - 1).checked_mul(stride).and_then(|span| span.checked_add(size as u64)),
     };
-    let end = span.and_then(|span| span.checked_add(offset));
-    match end {
-        Some(end) if end <= bytes.len() as u64 => {
-            Ok(Elements { bytes: &bytes[offset as usize..end as usize], stride: stride as usize })
+    match span.and_then(|span| bytes.part(offset, span)) {
+        Some(bytes) => {
+            if stride > STRIDE_USUAL {
+                // What lies between elements is read too.
+                source.reserve_elements(bytes.length / STRIDE_USUAL, place)?;
+            }
+            Ok(Elements { bytes, size, stride: stride as usize, count: count as usize })
         }
-        _ => {
+        None => {
             let what = format!(
                 "{count} elements of {size} bytes, {stride} apart, from {offset} on reach out of \
                  bufferViews[{view}]"
             );
-            Err(BakeError::at(place, what, format!("the view has {} bytes", bytes.len())))
+            Err(BakeError::at(place, what, format!("the view has {} bytes", bytes.length)))
         }
     }
 }

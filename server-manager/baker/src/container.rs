@@ -5,14 +5,17 @@
 //! chunk = length type bytes                     "JSON" first, then "BIN\0"
 //! ```
 
+use std::ops::Range;
+
 use super::document::{AssetHeader, Document};
 use super::error::BakeError;
 use super::extensions::ExtensionUses;
 use super::json::{self, JsonError};
+use super::source_file::SourceFile;
 use super::uri;
 
 /// Largest JSON: about a million nodes; text takes several times its size when parsed.
-pub(super) const JSON_BYTES_MAX: usize = 256 << 20;
+const JSON_BYTES_MAX: u64 = 256 << 20;
 
 /// The extensions that a file may require.
 pub(super) const EXTENSIONS: [&str; 29] = [
@@ -62,49 +65,56 @@ const OF_APPEARANCE: [&str; 9] = [
 ];
 
 const MAGIC: &[u8] = b"glTF";
-const JSON: &[u8] = b"JSON";
-const BIN: &[u8] = b"BIN\0";
+const JSON: u32 = u32::from_le_bytes(*b"JSON");
+const BIN: u32 = u32::from_le_bytes(*b"BIN\0");
 
-/// The document, and the binary chunk of a GLB.
-pub(super) fn parse(mut bytes: Vec<u8>) -> Result<(Document, Option<Vec<u8>>), BakeError> {
-    if !bytes.starts_with(MAGIC) {
-        return Ok((parse_json(&bytes)?, None));
+/// Bytes before the first chunk.
+const HEAD_BYTES: u64 = 12;
+
+/// Bytes before the content of a chunk.
+const CHUNK_HEAD_BYTES: u64 = 8;
+
+/// Reads the document. Returns it with the place of a GLB's binary chunk in the file.
+pub(super) fn parse(file: &SourceFile) -> Result<(Document, Option<Range<u64>>), BakeError> {
+    let head = file.bytes(0, file.length.min(HEAD_BYTES), "file")?;
+    if !head.starts_with(MAGIC) {
+        return Ok((read_json(file, 0..file.length)?, None));
     }
-    let chunks = glb_chunks(&bytes)?;
-    let document = parse_json(&bytes[chunks.json])?;
-    let chunk = chunks.bin.map(|bin| {
-        // Shortened in place: the buffer of a large scene is not held twice.
-        bytes.truncate(bin.end);
-        bytes.drain(..bin.start);
-        bytes
-    });
-    Ok((document, chunk))
+    let chunks = glb_chunks(file, &head)?;
+    Ok((read_json(file, chunks.json)?, chunks.bin))
 }
 
+/// The places of the two chunks in the file.
 struct Chunks {
-    json: std::ops::Range<usize>,
-    bin: Option<std::ops::Range<usize>>,
+    json: Range<u64>,
+    bin: Option<Range<u64>>,
 }
 
-fn glb_chunks(bytes: &[u8]) -> Result<Chunks, BakeError> {
+fn glb_chunks(file: &SourceFile, head: &[u8]) -> Result<Chunks, BakeError> {
     let truncated = |what: &str| {
-        let what = format!("the file is truncated: {what}, {} bytes are there", bytes.len());
+        let what = format!("the file is truncated: {what}, {} bytes are there", file.length);
         BakeError::at("file", what, "a whole GLB file would be right")
     };
-    let version = word(bytes, 4).ok_or_else(|| truncated("its head ends"))?;
+    let version = word(head, 4).ok_or_else(|| truncated("its head ends"))?;
     if version != 2 {
         let what = format!("it is GLB of version {version}");
         return Err(BakeError::at("file", what, "glTF 2.0 would be right"));
     }
-    let length = word(bytes, 8).ok_or_else(|| truncated("its head ends"))? as usize;
-    let bytes = bytes.get(..length).ok_or_else(|| truncated(&format!("it says {length} bytes")))?;
+    let length = word(head, 8).ok_or_else(|| truncated("its head ends"))?;
+    let length = u64::from(length);
+    if length > file.length {
+        return Err(truncated(&format!("it says {length} bytes")));
+    }
     let mut chunks = Vec::new();
-    let mut at = 12usize;
-    while chunks.len() < 2 && at + 8 <= bytes.len() {
-        let size = word(bytes, at).unwrap_or(0) as usize;
-        let (start, kind) = (at + 8, &bytes[at + 4..at + 8]);
-        let end = start.checked_add(size).filter(|&end| end <= bytes.len());
-        let end = end.ok_or_else(|| truncated(&format!("a chunk at {at} says {size} bytes")))?;
+    let mut at = HEAD_BYTES;
+    while chunks.len() < 2 && at + CHUNK_HEAD_BYTES <= length {
+        let head = file.bytes(at, CHUNK_HEAD_BYTES, "file")?;
+        let [size, kind] = [0, 4].map(|at| word(&head, at).unwrap_or(0));
+        let start = at + CHUNK_HEAD_BYTES;
+        let end = start + u64::from(size);
+        if end > length {
+            return Err(truncated(&format!("a chunk at {at} says {size} bytes")));
+        }
         chunks.push((kind, start..end));
         at = end.next_multiple_of(4);
     }
@@ -122,12 +132,17 @@ fn word(bytes: &[u8], at: usize) -> Option<u32> {
     word.try_into().ok().map(u32::from_le_bytes)
 }
 
-fn parse_json(bytes: &[u8]) -> Result<Document, BakeError> {
-    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    if text.len() > JSON_BYTES_MAX {
-        let what = format!("its JSON has {} bytes", text.len());
+fn read_json(file: &SourceFile, Range { start, end }: Range<u64>) -> Result<Document, BakeError> {
+    let length = end - start;
+    if length > JSON_BYTES_MAX {
+        let what = format!("its JSON has {length} bytes");
         return Err(BakeError::at("JSON", what, format!("at most {JSON_BYTES_MAX} can be read")));
     }
+    parse_json(&file.bytes(start, length, "file")?)
+}
+
+fn parse_json(bytes: &[u8]) -> Result<Document, BakeError> {
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     if text.trim_ascii_start().first() != Some(&b'{') {
         let what = "it is not glTF: neither JSON nor GLB";
         return Err(BakeError::at("file", what, "a .gltf or .glb file would be right"));

@@ -4,11 +4,12 @@
 //! same: every index, length and number of a file is checked before it is used, and what a
 //! message says names the file, the place in it, what is wrong and what would be right.
 //!
-//! One primitive or one image is in memory at a time, beside the source's buffers.
+//! Some small meshes, or one large mesh, or one image are in memory at a time, beside the document
+//! and what was unpacked. Buffers stay in their files.
 //!
 //! ```text
 //! container -> document -> compressed -> node (pose) -> mesh -> texture (mip) -> manifest
-//!      \-> source, uri, accessor: bytes                   \-> material, light
+//!      \-> source, source_file, uri, buffer, accessor: bytes  \-> material, light
 //! mesh: geometry, tangent, split, levels
 //! ```
 
@@ -20,6 +21,7 @@ mod animation_pointer;
 mod backgrounds;
 mod bake_cache;
 mod bounds;
+mod buffer;
 mod camera;
 mod compressed;
 mod container;
@@ -53,6 +55,7 @@ mod pose;
 mod scene_choice;
 mod shared_borders;
 mod source;
+mod source_file;
 mod specular_glossiness;
 mod split;
 mod tangent;

@@ -36,7 +36,7 @@ use polyptych_wall::warp::{CalibrationMap, MapCoordinates, WarpGeometry, WarpMap
 use serde::{Deserialize, Serialize};
 
 use super::error::BakeError;
-use super::{BakeCache, hex, source};
+use super::{BakeCache, hex, source_file};
 
 /// Largest file of a wall: a warp map of 8,192² points takes 768 MiB.
 const MAP_FILE_BYTES_MAX: u64 = 1 << 30;
@@ -106,7 +106,7 @@ fn read(
     store: &BakeCache,
     cancel: &AtomicBool,
 ) -> Result<CalibrationMap, BakeError> {
-    let bytes = source::read(path, MAP_FILE_BYTES_MAX, "file", cancel)?;
+    let bytes = source_file::read(path, MAP_FILE_BYTES_MAX, "file", cancel)?;
     let gltf = || gltf_mesh::read(path, store.blobs(), cancel);
     let map = match used_as {
         MapUse::Mask => CalibrationMap::Mask(mask::read(&bytes, None)?),

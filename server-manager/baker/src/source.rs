@@ -5,21 +5,25 @@
 
 use std::borrow::Cow;
 use std::cell::Cell;
-use std::fs::{self, File};
-use std::io::Read;
+use std::fs;
 use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use polyptych_files::blob::BlobHash;
 use polyptych_text::counted;
 
+use super::buffer::{Buffer, ByteSpan};
 use super::document::{BufferView, Document, ViewExtensions};
 use super::error::BakeError;
+use super::source_file::{self, SourceFile};
 use super::uri::{self, UriTarget};
-use super::{check, compressed, container};
+use super::{compressed, container};
 
-/// Largest scene, buffer or image file: a GLB's length field ends there.
+/// Largest scene file: a GLB's length field ends there.
 pub(super) const FILE_BYTES_MAX: u64 = 4 << 30;
+
+/// Largest file of a buffer: hundreds of millions of triangles, and read within minutes.
+const BUFFER_BYTES_MAX: u64 = 64 << 30;
 
 /// Largest image file or data: no PNG that decodes within the limits is larger.
 pub(super) const IMAGE_BYTES_MAX: u64 = 1 << 30;
@@ -33,10 +37,7 @@ const ELEMENTS_UNASKED: u64 = 1 << 24;
 /// file could ask for hours of it.
 const ELEMENTS_PER_BYTE_MAX: u64 = 64;
 
-/// Bytes read at a time, between two looks at the cancel flag.
-const READ_BYTES: usize = 1 << 20;
-
-/// A scene's files, with the buffers in memory and the images still on disk.
+/// A scene's files. Buffers and images of files stay on disk until they are needed.
 #[derive(Debug)]
 pub(super) struct GltfSource {
     /// The JSON.
@@ -46,7 +47,7 @@ pub(super) struct GltfSource {
     /// Bytes of all files and `data:` URIs together.
     pub bytes: u64,
     elements_read: Cell<u64>,
-    buffers: Vec<Vec<u8>>,
+    buffers: Vec<Buffer>,
     images: Vec<Image>,
 }
 
@@ -63,23 +64,26 @@ enum Image {
 }
 
 impl GltfSource {
-    /// Reads the scene file and its buffers; hashes its images.
+    /// Reads the document of a scene file; hashes the file, its buffers and its images.
     pub(super) fn open(path: &Path, cancel: &AtomicBool) -> Result<Self, BakeError> {
         let path = fs::canonicalize(path).map_err(|error| BakeError::io(path, error))?;
         let folder = path.parent().unwrap_or(Path::new("/")).to_path_buf();
-        let bytes = read(&path, FILE_BYTES_MAX, "file", cancel)?;
+        let (file, hash) = SourceFile::open(&path, FILE_BYTES_MAX, "file", cancel)?;
         let mut digest = blake3::Hasher::new();
-        digest.update(BlobHash::of(&bytes).0.as_slice());
-        let length = bytes.len() as u64;
-        let (document, chunk) = container::parse(bytes)?;
+        digest.update(hash.0.as_slice());
+        let (document, chunk) = container::parse(&file)?;
         let mut source = Self {
             document,
             digest: BlobHash([0; 32]),
-            bytes: length,
+            bytes: file.length,
             elements_read: Cell::new(0),
             buffers: Vec::new(),
             images: Vec::new(),
         };
+        let chunk = chunk.map(|of| {
+            let (first, length) = (of.start, of.end - of.start);
+            Buffer::File { file, first, length }
+        });
         source.open_buffers(&folder, chunk, &mut digest, cancel)?;
         source.open_images(&folder, &mut digest, cancel)?;
         source.digest = BlobHash(*digest.finalize().as_bytes());
@@ -89,7 +93,7 @@ impl GltfSource {
     fn open_buffers(
         &mut self,
         folder: &Path,
-        mut chunk: Option<Vec<u8>>,
+        mut chunk: Option<Buffer>,
         digest: &mut blake3::Hasher,
         cancel: &AtomicBool,
     ) -> Result<(), BakeError> {
@@ -99,25 +103,26 @@ impl GltfSource {
             let is_for_unpacked = unpacked.contains(&(i as u32));
             let bytes = match &buffer.uri {
                 Some(uri) => match uri::parse(uri, &place)? {
-                    UriTarget::Data(bytes) => bytes,
+                    UriTarget::Data(bytes) => Buffer::Memory(bytes),
                     UriTarget::Path(path) => {
                         let path = match resolve(folder, &path, uri, &place) {
                             // Without it all of its views are unpacked.
                             Err(_) if is_for_unpacked => {
-                                self.buffers.push(Vec::new());
+                                self.buffers.push(Buffer::EMPTY);
                                 continue;
                             }
                             path => path?,
                         };
-                        let bytes = read(&path, FILE_BYTES_MAX, &place, cancel)?;
-                        digest.update(BlobHash::of(&bytes).0.as_slice());
-                        self.bytes += bytes.len() as u64;
-                        bytes
+                        let (file, hash) =
+                            SourceFile::open(&path, BUFFER_BYTES_MAX, &place, cancel)?;
+                        digest.update(hash.0.as_slice());
+                        self.bytes += file.length;
+                        Buffer::from(file)
                     }
                 },
-                None if i == 0 && chunk.is_some() => chunk.take().unwrap_or_default(),
+                None if i == 0 && chunk.is_some() => chunk.take().unwrap_or(Buffer::EMPTY),
                 None if is_for_unpacked => {
-                    self.buffers.push(Vec::new());
+                    self.buffers.push(Buffer::EMPTY);
                     continue;
                 }
                 None => {
@@ -125,9 +130,9 @@ impl GltfSource {
                     return Err(BakeError::at(place, what, "a uri would be right"));
                 }
             };
-            if (bytes.len() as u64) < buffer.byte_length {
+            if bytes.length() < buffer.byte_length {
                 let what =
-                    format!("truncated: there is no more than {}", counted(bytes.len(), "byte"));
+                    format!("truncated: there is no more than {}", counted(bytes.length(), "byte"));
                 let right = format!("byteLength says {}", buffer.byte_length);
                 return Err(BakeError::at(place, what, right));
             }
@@ -185,9 +190,9 @@ impl GltfSource {
             Err(Unresolved::Outside(error)) => return Err(error),
             Err(Unresolved::Absent(error)) => return absent(error),
         };
-        match hash_file(&path, &place, cancel) {
-            Ok((hash, length)) => {
-                self.bytes += length;
+        match SourceFile::open(&path, IMAGE_BYTES_MAX, &place, cancel) {
+            Ok((file, hash)) => {
+                self.bytes += file.length;
                 digest.update(hash.0.as_slice());
                 Ok(Image::File { path, hash })
             }
@@ -217,23 +222,22 @@ impl GltfSource {
 
     /// Returns whether a buffer has bytes of its own, or is not there.
     pub(super) fn has_bytes(&self, buffer: u32) -> bool {
-        self.buffers.get(buffer as usize).is_none_or(|bytes| !bytes.is_empty())
+        self.buffers.get(buffer as usize).is_none_or(|bytes| bytes.length() > 0)
     }
 
-    /// The bytes of a buffer, given with the first one and the length.
-    pub(super) fn bytes_of(
+    /// The place of bytes of a buffer, given with the first one and the length.
+    pub(super) fn span_of(
         &self,
         [buffer, first, length]: [u64; 3],
         place: &str,
-    ) -> Result<&[u8], BakeError> {
+    ) -> Result<ByteSpan<'_>, BakeError> {
         let found = usize::try_from(buffer).ok().and_then(|buffer| self.buffers.get(buffer));
         let Some(bytes) = found else {
             return Err(BakeError::beyond(place, "buffers", buffer, self.buffers.len()));
         };
-        let end = first.checked_add(length);
-        end.and_then(|end| bytes.get(to_usize(first)?..to_usize(end)?)).ok_or_else(|| {
+        bytes.span().part(first, length).ok_or_else(|| {
             let what = format!("{length} bytes from {first} on reach out of buffers[{buffer}]");
-            let right = format!("the buffer has {}", counted(bytes.len(), "byte"));
+            let right = format!("the buffer has {}", counted(bytes.length(), "byte"));
             BakeError::at(place, what, right)
         })
     }
@@ -255,18 +259,21 @@ impl GltfSource {
         let byte_length = bytes.len() as u64;
         // What is unpacked may be read as often as what lies in a file.
         self.bytes = self.bytes.saturating_add(byte_length);
-        self.buffers.push(bytes);
+        self.buffers.push(Buffer::Memory(bytes));
         let extensions = ViewExtensions::default();
         BufferView { buffer, byte_offset: 0, byte_length, byte_stride, extensions }
     }
 
-    /// The bytes of `bufferViews[index]`, which `place` names.
-    pub(super) fn view(&self, index: u32, place: &str) -> Result<(&BufferView, &[u8]), BakeError> {
+    /// `bufferViews[index]`, which `place` names, and the place of its bytes.
+    pub(super) fn view(
+        &self,
+        index: u32,
+        place: &str,
+    ) -> Result<(&BufferView, ByteSpan<'_>), BakeError> {
         let view = self.document.buffer_views.at(index, place)?;
         let place = format!("bufferViews[{index}]");
         let bytes = [view.buffer.into(), view.byte_offset, view.byte_length];
-        let bytes = self.bytes_of(bytes, &place)?;
-        Ok((view, bytes))
+        Ok((view, self.span_of(bytes, &place)?))
     }
 
     /// The encoded bytes of `images[index]`, or why there are none.
@@ -283,12 +290,15 @@ impl GltfSource {
             None => Err(BakeError::beyond("textures", "images", index as u64, self.images.len())),
             Some(Image::Absent(reason)) => Ok(Err(reason.clone())),
             Some(Image::Data(bytes)) => Ok(Ok(Cow::Borrowed(bytes))),
-            Some(Image::View(view)) => {
-                let view = self.view(*view, &place).map_err(|error| error.reason());
-                Ok(view.map(|(_, bytes)| Cow::Borrowed(bytes)))
-            }
+            Some(Image::View(view)) => match self.view(*view, &place) {
+                Err(error) => Ok(Err(error.reason())),
+                Ok((_, ByteSpan { length, .. })) if length > IMAGE_BYTES_MAX => {
+                    Ok(Err(format!("it has {length} bytes; at most {IMAGE_BYTES_MAX} can be read")))
+                }
+                Ok((_, span)) => span.bytes(&place).map(Ok),
+            },
             Some(Image::File { path, hash }) => {
-                let bytes = read(path, IMAGE_BYTES_MAX, &place, cancel)?;
+                let bytes = source_file::read(path, IMAGE_BYTES_MAX, &place, cancel)?;
                 if BlobHash::of(&bytes) != *hash {
                     let what = format!("{} changed while it was read", path.display());
                     return Err(BakeError::at(place, what, "a file that rests would be right"));
@@ -297,10 +307,6 @@ impl GltfSource {
             }
         }
     }
-}
-
-fn to_usize(value: u64) -> Option<usize> {
-    usize::try_from(value).ok()
 }
 
 /// Why a path leads to no file that may be read.
@@ -345,49 +351,4 @@ fn resolve(folder: &Path, path: &str, uri: &str, place: &str) -> Result<PathBuf,
         Unresolved::Absent(BakeError::at(place, what, right))
     })?;
     if resolved.starts_with(folder) { Ok(resolved) } else { Err(outside()) }
-}
-
-fn open(path: &Path, bytes_max: u64, place: &str) -> Result<(File, u64), BakeError> {
-    let facts = fs::metadata(path).map_err(|error| BakeError::io(path, error))?;
-    if !facts.is_file() {
-        let what = format!("{} is not a file", path.display());
-        return Err(BakeError::at(place, what, "a plain file would be right"));
-    }
-    if facts.len() > bytes_max {
-        let what = format!("{} has {} bytes", path.display(), facts.len());
-        return Err(BakeError::at(place, what, format!("at most {bytes_max} can be read")));
-    }
-    let file = File::open(path).map_err(|error| BakeError::io(path, error))?;
-    Ok((file, facts.len()))
-}
-
-pub(super) fn read(
-    path: &Path,
-    bytes_max: u64,
-    place: &str,
-    cancel: &AtomicBool,
-) -> Result<Vec<u8>, BakeError> {
-    let (mut file, len) = open(path, bytes_max, place)?;
-    let mut bytes = Vec::with_capacity(to_usize(len).unwrap_or(0));
-    loop {
-        check(cancel)?;
-        let left = len.saturating_sub(bytes.len() as u64);
-        let mut part = (&mut file).take(left.min(READ_BYTES as u64));
-        if part.read_to_end(&mut bytes).map_err(|error| BakeError::io(path, error))? == 0 {
-            return Ok(bytes);
-        }
-    }
-}
-
-fn hash_file(path: &Path, place: &str, cancel: &AtomicBool) -> Result<(BlobHash, u64), BakeError> {
-    let (mut file, length) = open(path, IMAGE_BYTES_MAX, place)?;
-    let mut hasher = blake3::Hasher::new();
-    let mut part = vec![0; READ_BYTES];
-    loop {
-        check(cancel)?;
-        match file.read(&mut part).map_err(|error| BakeError::io(path, error))? {
-            0 => return Ok((BlobHash(*hasher.finalize().as_bytes()), length)),
-            count => hasher.update(&part[..count]),
-        };
-    }
 }

@@ -4,6 +4,7 @@ mod animation;
 mod animation_pointer;
 mod baked_light;
 mod broken;
+mod buffers;
 pub(crate) mod builder;
 mod compressed;
 mod exposure;

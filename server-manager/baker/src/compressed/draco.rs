@@ -88,19 +88,17 @@ impl Unpacked {
         room: &mut Room,
         place: &str,
     ) -> Result<Self, BakeError> {
-        let (_, bytes) = source.view(view, place)?;
+        let bytes = source.view(view, place)?.1.bytes(place)?;
         // A corner takes 12 bytes here, a vertex at least as many.
         let limits = DecodeLimits::default()
             .with_max_decoded_bytes(room.left)
             .with_max_points(room.left / 12)
             .with_max_faces(room.left / 12);
-        let mut mesh = Mesh::new();
-        MeshDecoder::new()
-            .decode(&mut DecoderBuffer::new(bytes).with_limits(limits), &mut mesh)
-            .map_err(|error| {
-                let what = format!("it can't be unpacked: {error}");
-                BakeError::at(place, what, "a whole stream of Draco would be right")
-            })?;
+        let (mut mesh, mut stream) = (Mesh::new(), DecoderBuffer::new(&bytes).with_limits(limits));
+        MeshDecoder::new().decode(&mut stream, &mut mesh).map_err(|error| {
+            let what = format!("it can't be unpacked: {error}");
+            BakeError::at(place, what, "a whole stream of Draco would be right")
+        })?;
         Ok(Self { mesh, indices: None, attributes: BTreeMap::new() })
     }
 

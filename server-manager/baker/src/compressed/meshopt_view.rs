@@ -30,11 +30,12 @@ pub(super) fn unpack(
         let stream = Stream::of(packed.1, &place)?;
         let bytes = (stream.count as u64).saturating_mul(stream.stride as u64);
         room.take(bytes, &place)?;
-        let encoded = source.bytes_of(stream.view, &place)?;
-        let unpacked = stream.decode(encoded).map_err(|what| {
+        let encoded = source.span_of(stream.view, &place)?.bytes(&place)?;
+        let unpacked = stream.decode(&encoded).map_err(|what| {
             BakeError::at(&place, what, "a whole stream of meshoptimizer would be right")
         })?;
         let stride = view.byte_stride;
+        drop(encoded);
         source.replace_view(index, unpacked, stride);
     }
     Ok(())

@@ -12,7 +12,7 @@ use glam::{DVec3, Vec3};
 use image::{ImageDecoder, codecs::hdr::HdrDecoder};
 
 use crate::error::BakeError;
-use crate::source;
+use crate::source_file;
 
 /// Largest file: one of 16,384 × 8,192 pixels without any compression.
 const FILE_BYTES_MAX: u64 = 540 << 20;
@@ -40,7 +40,7 @@ impl Equirect {
     /// It cannot be read, is another kind of file, breaks off, is too large, or has a number that
     /// is no radiance.
     pub fn read(path: &Path, cancel: &AtomicBool) -> Result<Self, BakeError> {
-        let bytes = source::read(path, FILE_BYTES_MAX, "file", cancel)?;
+        let bytes = source_file::read(path, FILE_BYTES_MAX, "file", cancel)?;
         Self::decode(&bytes)
     }
 
