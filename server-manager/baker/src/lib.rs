@@ -337,6 +337,7 @@ impl BakeJob<'_> {
         let mut replaced = ReplacedMaterials::default();
         let materials = (&mut palette, &mut replaced);
         scene.meshes = mesh::write_all(self, materials, (&meshes, &borders), &scales)?;
+        drop(borders);
         let materials_of = palette.by_file(&replaced.copies());
         scene.variants = replaced.variants(self);
         self.check_anything_is_drawn(&scene.meshes)?;

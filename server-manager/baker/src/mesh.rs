@@ -27,8 +27,8 @@ const CORNERS_BETWEEN_CHECKS: usize = 1 << 16;
 
 /// Everything that the bytes of a primitive depend on; equal keys share blobs.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct PrimitiveKey {
-    attributes: BTreeMap<String, u32>,
+struct PrimitiveKey<'a> {
+    attributes: &'a BTreeMap<String, u32>,
     indices: Option<u32>,
     mode: u32,
     uv_sets: [Option<u32>; 2],
@@ -37,7 +37,7 @@ struct PrimitiveKey {
     scale: u64,
     pose: Option<u32>,
     /// The morph targets, if a pose may weigh them.
-    targets: Vec<BTreeMap<String, u32>>,
+    targets: &'a [BTreeMap<String, u32>],
     /// The mesh, if what is beside it decides about its levels.
     border: Option<u32>,
     /// The mesh, if clips bend it.
@@ -61,7 +61,7 @@ pub(super) fn write_all(
     (uses, borders): (&Meshes, &SharedBorders),
     scales: &BTreeMap<u32, f64>,
 ) -> Result<Vec<Mesh>, BakeError> {
-    let mut shared: BTreeMap<Vec<PrimitiveKey>, usize> = BTreeMap::new();
+    let mut shared: BTreeMap<Vec<PrimitiveKey<'_>>, usize> = BTreeMap::new();
     let json: &[document::Mesh] = &job.source.document.meshes;
     let used = || {
         scales.iter().filter_map(|(number, scale)| {
@@ -109,7 +109,7 @@ pub(super) fn write_all(
         }
     }
     batch.finish(job)?;
-    Ok(drafts.into_iter().map(|draft| batch.mesh(draft)).collect())
+    Ok(batch.into_meshes(drafts))
 }
 
 /// Meshes whose levels are made together, and what was written of earlier ones.
@@ -131,7 +131,8 @@ impl Batch {
     fn add(&mut self, mesh: Vec<Vec<Piece>>) -> usize {
         let number = self.written.len();
         self.elements += mesh.iter().flatten().map(Piece::element_count).sum::<usize>();
-        self.written.push(mesh.iter().map(|_| Vec::new()).collect());
+        // With no more room than is needed: there may be a million primitives.
+        self.written.push(mesh.iter().map(|pieces| Vec::with_capacity(pieces.len())).collect());
         self.meshes.push((number, mesh));
         number
     }
@@ -164,23 +165,34 @@ impl Batch {
         Ok(())
     }
 
-    fn mesh(&self, draft: Draft) -> Mesh {
-        let primitives = self.written[draft.written].iter().zip(draft.materials);
-        let primitives = primitives.flat_map(|(pieces, material)| {
-            pieces.iter().map(move |piece| Primitive { material, ..piece.clone() })
-        });
-        Mesh { name: draft.name, primitives: primitives.collect() }
+    fn into_meshes(mut self, drafts: Vec<Draft>) -> Vec<Mesh> {
+        // The last one with these pieces takes them.
+        let mut last = vec![0; self.written.len()];
+        for (at, draft) in drafts.iter().enumerate() {
+            last[draft.written] = at;
+        }
+        let mesh = |(at, draft): (usize, Draft)| {
+            let written = &mut self.written[draft.written];
+            let is_last = last[draft.written] == at;
+            let written = if is_last { std::mem::take(written) } else { written.clone() };
+            let mut primitives = Vec::with_capacity(written.iter().map(Vec::len).sum());
+            for (pieces, material) in written.into_iter().zip(draft.materials) {
+                primitives.extend(pieces.into_iter().map(|of| Primitive { material, ..of }));
+            }
+            Mesh { name: draft.name, primitives }
+        };
+        drafts.into_iter().enumerate().map(mesh).collect()
     }
 }
 
-fn key(
-    primitive: &document::Primitive,
+fn key<'a>(
+    primitive: &'a document::Primitive,
     needs: &VertexRequirements,
     scale: f64,
     pose: Option<u32>,
-) -> PrimitiveKey {
+) -> PrimitiveKey<'a> {
     PrimitiveKey {
-        attributes: primitive.attributes.clone(),
+        attributes: &primitive.attributes,
         indices: primitive.indices,
         mode: primitive.mode,
         uv_sets: needs.uv_sets,
@@ -188,7 +200,7 @@ fn key(
         keeps_order: needs.keeps_order,
         scale: scale.to_bits(),
         pose,
-        targets: if pose.is_some() { primitive.targets.clone() } else { Vec::new() },
+        targets: if pose.is_some() { &primitive.targets } else { &[] },
         border: None,
         bent: None,
     }
