@@ -80,8 +80,8 @@ pub(super) fn build(source: &mut Source<'_>, cancel: &AtomicBool) -> Result<Hier
     let (kept, locked) = (vec![false; source.vertex_count()], source.locked());
     let mut builder = Builder { source, hierarchy: Hierarchy::default(), groups: 0, kept, locked };
     let mut open = Vec::new();
-    for (number, surface) in builder.source.surfaces().iter().enumerate() {
-        let triangles = builder.source.triangles_of(number);
+    let surfaces = builder.source.surfaces().iter();
+    for (surface, triangles) in surfaces.zip(builder.source.triangles()) {
         if surface.keeps_order && !builder.source.keeps_order() {
             builder.keep(&triangles);
         } else {
@@ -282,9 +282,7 @@ impl Builder<'_, '_> {
     /// Gives the finest level if it is small and replaced as a whole, so that each coarser level
     /// can be measured against it: the sum of steps is up to four times as much.
     fn small_finest(&self) -> Option<Vec<u32>> {
-        let surfaces = self.source.surfaces();
-        let all = (0..surfaces.len()).flat_map(|number| self.source.triangles_of(number));
-        self.is_small().then(|| all.collect())
+        self.is_small().then(|| self.source.triangles().flatten().collect())
     }
 
     /// Returns whether all of the surface is open, and of few triangles.

@@ -13,8 +13,10 @@ use super::surface::{Surface, VertexRow, uv_places};
 #[derive(Clone, Debug)]
 pub(super) struct Source<'a> {
     surfaces: &'a [Surface<'a>],
-    /// The vertices of each surface, as its blob holds them.
-    rows: Vec<Vec<f32>>,
+    /// `true` for a part, which has none of the surfaces' own vertices in their place.
+    is_part: bool,
+    /// Vertices behind those of each surface, as its blob holds them.
+    added: Vec<Vec<f32>>,
     /// The surface of each vertex.
     surface_of: Vec<u32>,
     /// The number of each vertex in its surface.
@@ -34,9 +36,9 @@ impl<'a> Source<'a> {
             row_of.extend(0..surface.vertex_count() as u32);
             surface_of.resize(row_of.len(), number);
         }
-        let rows = surfaces.iter().map(|surface| surface.vertices.to_vec()).collect();
-        let (scaled, welded) = (Vec::new(), Vec::new());
-        let mut source = Self { surfaces, rows, surface_of, row_of, scaled, welded };
+        let (scaled, welded, added) = (Vec::new(), Vec::new(), vec![Vec::new(); surfaces.len()]);
+        let is_part = false;
+        let mut source = Self { surfaces, is_part, added, surface_of, row_of, scaled, welded };
         source.weld();
         source
     }
@@ -63,7 +65,8 @@ impl<'a> Source<'a> {
     pub fn part(&self, vertices: &[u32]) -> Self {
         let mut part = Self {
             surfaces: self.surfaces,
-            rows: vec![Vec::new(); self.rows.len()],
+            is_part: true,
+            added: vec![Vec::new(); self.surfaces.len()],
             surface_of: vertices.iter().map(|vertex| self.surface_of(*vertex)).collect(),
             row_of: Vec::with_capacity(vertices.len()),
             scaled: vertices.iter().map(|vertex| self.scaled[*vertex as usize]).collect(),
@@ -72,7 +75,7 @@ impl<'a> Source<'a> {
         let mut first_at = HashMap::with_capacity(vertices.len());
         for (number, vertex) in (0..).zip(vertices) {
             let row = self.row(*vertex);
-            let rows = &mut part.rows[self.surface_of(*vertex) as usize];
+            let rows = &mut part.added[self.surface_of(*vertex) as usize];
             part.row_of.push((rows.len() / row.floats.len()) as u32);
             rows.extend_from_slice(row.floats);
             let at = self.welded[*vertex as usize];
@@ -92,8 +95,9 @@ impl<'a> Source<'a> {
             }
         }
         let surface = self.surface_of(moved.from);
-        let rows = &mut self.rows[surface as usize];
-        self.row_of.push((rows.len() / floats.len()) as u32);
+        let own = self.own_vertices(surface as usize).len();
+        let rows = &mut self.added[surface as usize];
+        self.row_of.push(((own + rows.len()) / floats.len()) as u32);
         rows.extend(floats);
         self.surface_of.push(surface);
         self.scaled.push(self.scaled[moved.at as usize]);
@@ -108,7 +112,7 @@ impl<'a> Source<'a> {
 
     /// Returns the vertices of a surface that only coarser levels have.
     pub fn added_to(&self, surface: usize) -> &[f32] {
-        &self.rows[surface][self.surfaces[surface].vertices.len()..]
+        &self.added[surface]
     }
 
     /// Returns the surfaces.
@@ -122,11 +126,13 @@ impl<'a> Source<'a> {
         matches!(self.surfaces, [surface] if surface.keeps_order)
     }
 
-    /// Gives the triangles of a surface, as the mesh numbers vertices.
-    pub fn triangles_of(&self, surface: usize) -> Vec<u32> {
-        let before = self.surfaces[..surface].iter().map(Surface::vertex_count).sum::<usize>();
-        let triangles = self.surfaces[surface].indices.iter();
-        triangles.map(|vertex| before as u32 + vertex).collect()
+    /// Gives the triangles of each surface in turn, as the mesh numbers vertices.
+    pub fn triangles(&self) -> impl Iterator<Item = Vec<u32>> + use<'a> {
+        self.surfaces.iter().scan(0_u32, |first, surface| {
+            let before = *first;
+            *first += surface.vertex_count() as u32;
+            Some(surface.indices.iter().map(|vertex| before + vertex).collect::<Vec<u32>>())
+        })
     }
 
     /// Returns for each vertex whether it stays in all levels, at the first one at its position.
@@ -157,7 +163,17 @@ impl<'a> Source<'a> {
         let layout = self.surfaces[surface].layout;
         let stride = layout.stride() as usize / 4;
         let first = self.row_of[vertex as usize] as usize * stride;
-        VertexRow { layout, floats: &self.rows[surface][first..first + stride] }
+        let own = self.own_vertices(surface);
+        let floats = match first.checked_sub(own.len()) {
+            None => &own[first..first + stride],
+            Some(first) => &self.added[surface][first..first + stride],
+        };
+        VertexRow { layout, floats }
+    }
+
+    /// The vertices of a surface that stand before those of `added`.
+    fn own_vertices(&self, surface: usize) -> &'a [f32] {
+        if self.is_part { &[] } else { self.surfaces[surface].vertices }
     }
 
     /// Returns the position of a vertex.
