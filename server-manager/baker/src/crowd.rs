@@ -6,8 +6,7 @@
 //! of them are. It is found in the bake, where meshes stand in their file: all servers know the
 //! same crowds, whatever was moved since.
 
-use std::collections::HashMap;
-
+use foldhash::{HashMap, HashMapExt};
 use glam::{DAffine3, DVec3, I64Vec3};
 use polyptych_scene::{Bounds, Scene};
 

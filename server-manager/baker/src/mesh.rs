@@ -1,8 +1,9 @@
 //! Meshes: every primitive that is drawn, in pieces, each a blob of vertices and indices.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
 
+use foldhash::{HashMap, HashMapExt};
 use polyptych_scene::{Mesh, Primitive, Topology, VertexLayout};
 use rayon::prelude::*;
 

@@ -1,7 +1,8 @@
 //! Borders that meshes share: where tiles of a ground meet, levels of detail must not part them.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
+use foldhash::{HashMap, HashMapExt};
 use glam::{DAffine3, DVec3, Vec3};
 use polyptych_scene::{Node, Topology};
 

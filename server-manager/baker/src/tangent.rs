@@ -1,8 +1,7 @@
 //! Tangents as glTF prescribes them where a file has none: MikkTSpace.
 
-use std::collections::HashMap;
-
 use bevy_mikktspace::TangentSpace;
+use foldhash::{HashMap, HashMapExt};
 use glam::{Affine2, DVec3, Vec2, Vec3};
 
 use super::BakeJob;

@@ -1,7 +1,8 @@
 //! Charts: the parts of a patch on which texture coordinates and colours are continuous.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
+use foldhash::{HashMap, HashMapExt};
 use glam::{DVec2, DVec3};
 
 use super::source::Source;

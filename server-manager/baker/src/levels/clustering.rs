@@ -7,8 +7,9 @@
 //! Texture coordinates go on linearly to where a corner moves, so that textures stay where they
 //! are on each triangle's plane. This takes vertices that the source has not.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::BTreeMap;
 
+use foldhash::{HashMap, HashMapExt, HashSet};
 use glam::{DVec2, DVec3};
 
 use super::appearance::uv_length;

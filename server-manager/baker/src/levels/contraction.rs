@@ -8,7 +8,7 @@
 //! that of a small part.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BTreeSet, BinaryHeap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
 use glam::{DMat3, DVec3, DVec4};
 
@@ -273,7 +273,7 @@ impl Contraction {
             }
         }
         let cell = |at: DVec3| (at / reach).floor().to_array().map(|number| number as i64);
-        let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
+        let mut cells: foldhash::HashMap<[i64; 3], Vec<u32>> = foldhash::HashMap::default();
         for (at, position) in (0..).zip(&self.positions) {
             cells.entry(cell(*position)).or_default().push(at);
         }

@@ -13,8 +13,7 @@
 //!
 //! Returned bounds are proven up to the rounding of f64, which the caller adds.
 
-use std::collections::HashMap;
-
+use foldhash::HashMap;
 use glam::DVec3;
 
 use super::convex_polygon::ConvexPolygon;

@@ -1,9 +1,9 @@
 //! The hierarchy of meshlets: groups of neighbours are simplified and cut into meshlets again,
 //! until nothing can be spared.
 
-use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
 
+use foldhash::{HashSet, HashSetExt};
 use polyptych_scene::meshlet::ErrorSphere;
 use rayon::prelude::*;
 

@@ -3,8 +3,9 @@
 mod small_parts;
 
 use std::cell::OnceCell;
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::BTreeMap;
 
+use foldhash::{HashMap, HashMapExt, HashSet};
 use glam::DVec3;
 use meshopt::{SimplifyOptions, SimplifyVertex};
 

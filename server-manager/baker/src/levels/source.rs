@@ -1,7 +1,6 @@
 //! The data that all parts of a mesh share while its levels are made.
 
-use std::collections::HashMap;
-
+use foldhash::{HashMap, HashMapExt};
 use glam::{DVec2, DVec3};
 use meshopt::VertexDataAdapter;
 

@@ -1,7 +1,6 @@
 //! The width of a set of points: how far its outline moves where it is left out.
 
-use std::collections::HashSet;
-
+use foldhash::{HashSet, HashSetExt};
 use glam::{DVec2, DVec3};
 
 /// Points of which the direction to another one is tried as an axis, at most.
