@@ -22,7 +22,14 @@ pub(crate) struct Triangles {
 
 /// The triangles of primitives that were asked about.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct TriangleCache(Arc<Mutex<BTreeMap<BlobHash, Arc<Triangles>>>>);
+pub(crate) struct TriangleCache(Arc<Mutex<Kept>>);
+
+#[derive(Debug, Default)]
+struct Kept {
+    by_blob: BTreeMap<BlobHash, Arc<Triangles>>,
+    /// Those of all, about.
+    bytes: usize,
+}
 
 /// Returns whether a primitive is made of triangles.
 pub(crate) fn has_triangles(primitive: &Primitive) -> bool {
@@ -43,18 +50,19 @@ impl TriangleCache {
             return Ok(None);
         }
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = lock().get(&primitive.blob) {
+        if let Some(known) = lock().by_blob.get(&primitive.blob) {
             return Ok(Some(Arc::clone(known)));
         }
         let bytes = store.read(primitive.blob).map_err(|error| error.to_string())?;
         let bytes = bytes.ok_or("a mesh of the open scene is not in the store any more")?;
         let triangles = Arc::new(Triangles::decode(primitive, &bytes)?);
-        let mut kept = lock();
-        let held: usize = kept.values().map(|triangles| triangles.bytes()).sum();
-        if held + triangles.bytes() > KEPT_BYTES_MAX {
-            kept.clear();
+        let (mut kept, bytes) = (lock(), triangles.bytes());
+        if kept.bytes + bytes > KEPT_BYTES_MAX {
+            *kept = Kept::default();
         }
-        kept.insert(primitive.blob, Arc::clone(&triangles));
+        if kept.by_blob.insert(primitive.blob, Arc::clone(&triangles)).is_none() {
+            kept.bytes += bytes;
+        }
         Ok(Some(triangles))
     }
 }
