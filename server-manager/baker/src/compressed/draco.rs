@@ -29,26 +29,37 @@ pub(super) fn unpack(
     room: &mut Room,
     cancel: &AtomicBool,
 ) -> Result<(), BakeError> {
-    // Parts that share a stream share what it unpacks to.
+    // Parts that share a stream share what it unpacks to, until the last one has it.
     let mut streams: BTreeMap<u32, Unpacked> = BTreeMap::new();
+    let mut parts_left: BTreeMap<u32, usize> = BTreeMap::new();
+    let parts = source.document.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    for draco in parts.filter_map(|part| part.extensions.draco.as_ref()) {
+        *parts_left.entry(draco.buffer_view).or_default() += 1;
+    }
     for mesh in 0..source.document.meshes.len() {
         for part in 0..source.document.meshes[mesh].primitives.len() {
             let primitive = &source.document.meshes[mesh].primitives[part];
             let Some(draco) = primitive.extensions.draco.clone() else { continue };
+            let stream = draco.buffer_view;
             let lacks_view = |index: &u32| {
                 let json = source.document.accessors.get(*index as usize);
                 json.is_some_and(|json| json.buffer_view.is_none())
             };
             let named = draco.attributes.keys().filter_map(|name| primitive.attributes.get(name));
-            if !named.chain(&primitive.indices).any(lacks_view) {
-                continue;
-            }
+            let is_packed = named.chain(&primitive.indices).any(lacks_view);
             check(cancel)?;
-            if let Err(reason) = unpack_part(source, &mut streams, (mesh, part), &draco, room) {
+            if is_packed
+                && let Err(reason) = unpack_part(source, &mut streams, (mesh, part), &draco, room)
+            {
                 // The others can be drawn; who reads the part says why it is not.
                 let primitive = source.document.primitive_mut(mesh, part);
                 let fault = Some(reason.fault());
                 primitive.extensions.draco = Some(DracoStream { fault, ..draco });
+            }
+            let left = parts_left.entry(stream).or_default();
+            *left = left.saturating_sub(1);
+            if *left == 0 {
+                streams.remove(&stream);
             }
         }
     }
