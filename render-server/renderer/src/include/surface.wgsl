@@ -308,6 +308,13 @@ fn shown_as_is() -> bool {
     return !LIT || HIGHLIGHTED;
 }
 
+// The part of what `outgoing` gave that is still to be mapped: see `display_light`.
+fn light_part() -> f32 {
+    let part = 1.0; //? !transmission
+    let part = passing.light; //? transmission
+    return select(part, 0.0, shown_as_is());
+}
+
 // Exposed light of a surface; of an unlit one its colour, which displays show as it is
 // (`KHR_materials_unlit`), whatever the exposure. A highlight is mixed into what is shown, so that
 // its colour is the same at every exposure.
@@ -316,7 +323,7 @@ fn outgoing(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     if LIT {
         let light = radiance(v, base, front) * frame.exposure; //? !transmission
         var light = radiance(v, base, front) * frame.exposure; //? transmission
-        light += passing.part * passing.behind; //? transmission & !fog
+        light += passing.part * passing.behind.rgb; //? transmission & !fog
         color = clamp(light, vec3<f32>(0.0), vec3<f32>(LIGHT_MAX));
     }
     var glow = fog_glow(); //? fog
@@ -324,10 +331,15 @@ fn outgoing(v: Varyings, base: vec3<f32>, front: bool) -> vec3<f32> {
     color = mix(glow, color, fog_passed(position_of(v))); //? fog
     // The picture behind has all of the fog, and the part of it before the surface is drawn above.
     let before = glow * (1.0 - fog_passed(position_of(v))); //? fog & transmission
-    color += passing.part * max(passing.behind - before, vec3<f32>(0.0)); //? fog & transmission
+    let passed = max(passing.behind.rgb - before, vec3<f32>(0.0)); //? fog & transmission
+    color += passing.part * passed; //? fog & transmission
+    let passed = passing.behind.rgb; //? !fog & transmission
+    let shown = passing.part * passed * (1.0 - passing.behind.a); //? transmission
+    passing.light = part_of_light(color, shown); //? transmission
     if HIGHLIGHTED {
         if LIT {
-            color = tone_map(color);
+            color = tone_map(color); //? !transmission
+            color = display_light(vec4<f32>(color, passing.light)); //? transmission
         }
         color = mix(color, material.highlight.rgb, material.highlight.a);
     }

@@ -32,8 +32,10 @@ struct Behind {
 struct Passing {
     // Part of the light behind that passes.
     part: vec3<f32>,
-    // Exposed light.
-    behind: vec3<f32>,
+    // Exposed light, and the part of it that is still to be mapped: see `display_light`.
+    behind: vec4<f32>,
+    // That part of the colour of the surface, once `outgoing` has it.
+    light: f32,
 }
 
 var<private> passing: Passing;
@@ -47,18 +49,26 @@ const COARSEST: f32 = 6.0;
 const VIEWER_TEXEL: f32 = 7.67e-4;
 const VIEWER_LEVELS: f32 = 10.0;
 
+// The part of a colour that is light, where so much of it is what displays show as it is. Sums of
+// all three are compared: a bright reflection before something dark is light, however clear the
+// surface is.
+fn part_of_light(color: vec3<f32>, shown: vec3<f32>) -> f32 {
+    let all = max(color.r + color.g + color.b, 1e-30);
+    return 1.0 - clamp((shown.r + shown.g + shown.b) / all, 0.0, 1.0);
+}
+
 fn transmitted_part(texels: array<vec4<f32>, 6>) -> f32 {
     return extension.transmission.x * texels[TRANSMISSION].r;
 }
 
-fn behind_texel(region: Region, level: u32, cell: vec2<i32>) -> vec3<f32> {
+fn behind_texel(region: Region, level: u32, cell: vec2<i32>) -> vec4<f32> {
     let shift = vec2<u32>(level);
     let last = max((region.size >> shift) - 1, vec2<i32>(0));
     let at = (region.place >> shift) + clamp(cell, vec2<i32>(0), last);
-    return textureLoad(behind_texture, at, i32(level)).rgb;
+    return textureLoad(behind_texture, at, i32(level));
 }
 
-fn behind_row(region: Region, level: u32, cell: vec2<i32>, weights: vec3<f32>) -> vec3<f32> {
+fn behind_row(region: Region, level: u32, cell: vec2<i32>, weights: vec3<f32>) -> vec4<f32> {
     return behind_texel(region, level, cell - vec2<i32>(1, 0)) * weights.x
         + behind_texel(region, level, cell) * weights.y
         + behind_texel(region, level, cell + vec2<i32>(1, 0)) * weights.z;
@@ -67,7 +77,7 @@ fn behind_row(region: Region, level: u32, cell: vec2<i32>, weights: vec3<f32>) -
 // A level at a pixel and an offset: whole texels are counted in integers, so that the weights are
 // the same wherever a region begins. The finest level is read linearly, the others with a quadratic
 // B-spline, which shows no texels.
-fn behind_level(region: Region, level: u32, pixel: vec2<i32>, offset: vec2<f32>) -> vec3<f32> {
+fn behind_level(region: Region, level: u32, pixel: vec2<i32>, offset: vec2<f32>) -> vec4<f32> {
     let shift = vec2<u32>(region.scale + level);
     let away = pixel - region.corner;
     let whole = away >> shift;
@@ -89,7 +99,7 @@ fn behind_level(region: Region, level: u32, pixel: vec2<i32>, offset: vec2<f32>)
 
 // Light at an offset from a pixel, blurred to texels of 2^detail pixels. Filters reach four of
 // them at most; what is farther away than is drawn around every surface is taken from there.
-fn behind_at(pixel: vec2<i32>, wanted: vec2<f32>, detail: f32) -> vec3<f32> {
+fn behind_at(pixel: vec2<i32>, wanted: vec2<f32>, detail: f32) -> vec4<f32> {
     let reach = max(behind.wide.reach - 4.0 * exp2(detail), 0.0);
     let offset = wanted * min(1.0, reach / max(length(wanted), 1e-6));
     let place = vec2<f32>(pixel) + 0.5 + offset;
@@ -104,7 +114,7 @@ fn behind_at(pixel: vec2<i32>, wanted: vec2<f32>, detail: f32) -> vec3<f32> {
     // the shader becomes too long.
     let first = select(0u, 2u, far == 1.0);
     let end = select(4u, 2u, far == 0.0);
-    var light = vec3<f32>(0.0);
+    var light = vec4<f32>(0.0);
     for (var at = first; at < end; at++) {
         var region = behind.sharp;
         var weight = 1.0 - far;
@@ -151,7 +161,7 @@ fn light_behind(
     s: Surface,
     roughness: f32,
     texels: array<vec4<f32>, 6>,
-) -> vec3<f32> {
+) -> vec4<f32> {
     let pixel = vec2<i32>(v.clip.xy);
     let still = vec2<f32>(0.0); //? !volume
     return behind_at(pixel, still, behind_detail(roughness, still)); //? !volume
@@ -167,5 +177,6 @@ fn light_behind(
     let blue = refracted_offset(s, position, 1.0 / (1.0 / ratio + spread), way); //? dispersion
     light.r = behind_at(pixel, red, behind_detail(roughness, red)).r; //? dispersion
     light.b = behind_at(pixel, blue, behind_detail(roughness, blue)).b; //? dispersion
-    return light * exp(-min(extension.absorption.rgb * way, vec3<f32>(80.0))); //? volume
+    let passed = exp(-min(extension.absorption.rgb * way, vec3<f32>(80.0))); //? volume
+    return vec4<f32>(light.rgb * passed, light.a); //? volume
 }

@@ -17,5 +17,5 @@ fn opaque(v: Varyings, @builtin(front_facing) front: bool) -> @location(0) vec4<
         return vec4<f32>(tone_map(light), 1.0);
     }
     // In the float target alpha is the part that is still to be mapped; see `display_light`.
-    return vec4<f32>(light, select(0.0, 1.0, TONE_MAPPED || !shown_as_is()));
+    return vec4<f32>(light, select(light_part(), 1.0, TONE_MAPPED));
 }

@@ -1,9 +1,12 @@
 //! Colours without light: displays show them as they are, whatever is drawn around them.
 
 use glam::{DAffine3, DVec3, Vec3, Vec4};
-use polyptych_scene::{AlphaMode, Material, ToneMapper};
+use polyptych_scene::{
+    AlphaMode, Material, MaterialExtensions, Specular, ToneMapper, Transmission,
+};
 use polyptych_wall::StereoPacking;
 
+use super::extensions::with;
 use super::harness::{MeshFixture, SceneFixture, draw_sampled, gpu, look, matt, pixel};
 use crate::tone::{linear_from_srgb, tone_map};
 use crate::{
@@ -34,9 +37,8 @@ fn colors(variant: u8) -> impl Iterator<Item = [u8; 3]> {
     })
 }
 
-/// Rectangles of all these colours over the whole picture. `is_blended` adds a pane behind them,
-/// so that the scene is drawn into the float target; `mode` is that of the colours.
-fn cards(variant: u8, is_blended: bool, mode: AlphaMode) -> GpuScene {
+/// Rectangles of all these colours over the whole picture; `mode` is that of the colours.
+fn stage_of_cards(variant: u8, mode: AlphaMode) -> SceneFixture {
     let mut stage = SceneFixture::new();
     for (index, color) in (0..).zip(colors(variant)) {
         let material = Material { alpha_mode: mode, ..flat(color, 1.0) };
@@ -45,6 +47,13 @@ fn cards(variant: u8, is_blended: bool, mode: AlphaMode) -> GpuScene {
         let (x, y) = (f64::from(index % SIDE) - 7.5, 7.5 - f64::from(index / SIDE));
         stage.node(mesh, DAffine3::from_translation(DVec3::new(x, y, 0.0)));
     }
+    stage
+}
+
+/// The same as a scene. `is_blended` adds a pane behind them, so that it is drawn into the float
+/// target.
+fn cards(variant: u8, is_blended: bool, mode: AlphaMode) -> GpuScene {
+    let mut stage = stage_of_cards(variant, mode);
     if is_blended {
         let pane = stage.material(flat([200, 10, 10], 0.5));
         let mesh = stage.mesh(&MeshFixture::rectangle(60.0, 60.0), Some(pane));
@@ -90,6 +99,56 @@ fn every_code_of_an_unlit_colour_stays_in_every_pass() {
                 assert_colors(&name, &pixels, variant, 0);
             }
         }
+    }
+}
+
+/// Glass that neither reflects nor blurs.
+fn clear_glass() -> Material {
+    let extensions = MaterialExtensions {
+        specular: Some(Specular { factor: 0.0, ..Specular::default() }),
+        transmission: Some(Transmission { factor: 1.0, texture: None }),
+        ..MaterialExtensions::default()
+    };
+    with(Material { roughness: 0.0, ..matt(1.0, 1.0, 1.0) }, extensions)
+}
+
+#[test]
+fn every_code_of_an_unlit_colour_stays_behind_clear_glass() {
+    for variant in 0..3 {
+        for mode in [AlphaMode::Opaque, AlphaMode::Mask(0.5)] {
+            let mut stage = stage_of_cards(variant, mode);
+            let glass = stage.material(clear_glass());
+            let mesh = stage.mesh(&MeshFixture::rectangle(20.0, 20.0), Some(glass));
+            stage.node(mesh, DAffine3::from_translation(DVec3::Z));
+            let scene = stage.build();
+            for (samples, exposure, tone) in [
+                (1, 1.0, ToneMapper::Neutral),
+                (1, 1.0, ToneMapper::Aces),
+                (1, 0.0, ToneMapper::Aces),
+                (4, 50.0, ToneMapper::Neutral),
+            ] {
+                let name = format!("{variant} {mode:?} ×{samples} at {exposure} by {tone:?}");
+                let view = ViewDesc { tone, ..view(exposure) };
+                let (pixels, _) = draw_sampled(&scene, SIZE, samples, &[view]);
+                assert_colors(&name, &pixels, variant, 0);
+            }
+        }
+    }
+}
+
+#[test]
+fn light_of_glass_before_unlit_colours_is_mapped_as_light() {
+    for (light, exposure) in [(0.3, 1.0), (0.9, 1.0), (0.6, 8.0)] {
+        let glass = Material { emissive: Vec3::splat(light), ..clear_glass() };
+        let mapped = tone_map(ToneMapper::Neutral, Vec3::splat(light * exposure)).x;
+        let before_black = pane_over_card(flat([0; 3], 1.0), glass.clone(), exposure);
+        assert!(before_black.abs_diff(code(mapped)) <= 1, "{before_black}, {light} × {exposure}");
+        // Before a colour it adds to that, and stays within white.
+        let grey = flat([120; 3], 1.0);
+        let before_grey = pane_over_card(grey, glass, exposure);
+        assert!(before_grey >= before_black.max(120), "{before_grey}, {light} × {exposure}");
+        let lit = pane_over_card(glowing(light), clear_glass(), exposure);
+        assert!(lit.abs_diff(code(mapped)) <= 1, "{lit}, {light} × {exposure}");
     }
 }
 
