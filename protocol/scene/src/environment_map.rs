@@ -1,11 +1,14 @@
 //! Light from all around, as the baker prepares it for shading: a cube map of reflections whose
 //! levels are ever rougher, and the coefficients of diffuse light.
 //!
-//! Its bytes: [`MAGIC`], the side as u32, 27 f32 of [`EnvironmentMap::diffuse`], and the texels,
+//! Its bytes: [`MAGIC`] or [`MAGIC_SUNLESS`], the side as u32, 27 f32 of [`EnvironmentMap::diffuse`], and the texels,
 //! all little-endian.
 
 /// The first bytes of the blob; the last one is the version.
 const MAGIC: [u8; 4] = *b"PEN\x01";
+
+/// The same of a map without a sun.
+const MAGIC_SUNLESS: [u8; 4] = *b"PEN\x02";
 
 /// Minimum side of the largest level, in texels: 5 levels of roughness.
 pub const SIDE_MIN: u32 = 64;
@@ -54,6 +57,9 @@ pub struct EnvironmentMap {
     /// Radiance, prefiltered: by level from the largest, in each by face in the order +X −X +Y −Y
     /// +Z −Z of cube maps, in each by rows from the top.
     pub texels: Vec<u8>,
+    /// Its light is all that a scene without lights has; `false` of a sky without the sun that
+    /// shines in it.
+    pub has_sun: bool,
 }
 
 impl EnvironmentMap {
@@ -86,7 +92,7 @@ impl EnvironmentMap {
     /// Returns the map as a blob.
     pub fn encode(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(HEAD_BYTES + self.texels.len());
-        bytes.extend(MAGIC);
+        bytes.extend(if self.has_sun { MAGIC } else { MAGIC_SUNLESS });
         bytes.extend(self.side.to_le_bytes());
         bytes.extend(self.diffuse.iter().flatten().flat_map(|number| number.to_le_bytes()));
         bytes.extend(&self.texels);
@@ -103,7 +109,8 @@ impl EnvironmentMap {
             return Err(fault(&format!("has more than {ENVIRONMENT_BYTES_MAX} bytes")));
         }
         let head = bytes.first_chunk::<HEAD_BYTES>().ok_or_else(|| fault("is cut off"))?;
-        if head[..4] != MAGIC {
+        let has_sun = head[..4] == MAGIC;
+        if !has_sun && head[..4] != MAGIC_SUNLESS {
             return Err(fault("is not one that this version reads"));
         }
         let word = |at: usize| [head[at], head[at + 1], head[at + 2], head[at + 3]];
@@ -128,7 +135,7 @@ impl EnvironmentMap {
         if is_broken {
             return Err(fault("has a number that is not finite"));
         }
-        Ok(Self { side, diffuse, texels: texels.to_vec() })
+        Ok(Self { side, diffuse, texels: texels.to_vec(), has_sun })
     }
 }
 
@@ -158,13 +165,16 @@ mod tests {
         let texels = vec![0x11; EnvironmentMap::texel_bytes_of(64)];
         let mut diffuse = [[0.25; 3]; 9];
         diffuse[8] = [1.0, -2.0, 3.5];
-        EnvironmentMap { side: 64, diffuse, texels }
+        EnvironmentMap { side: 64, diffuse, texels, has_sun: true }
     }
 
     #[test]
     fn a_map_comes_back_as_it_was_written() {
         let map = map();
-        assert_eq!(EnvironmentMap::decode(&map.encode()), Ok(map.clone()));
+        let sunless = EnvironmentMap { has_sun: false, ..map.clone() };
+        for map in [&map, &sunless] {
+            assert_eq!(EnvironmentMap::decode(&map.encode()), Ok(map.clone()));
+        }
         assert_eq!((map.levels(), EnvironmentMap::levels_of(SIDE_MAX)), (5, 8));
         let largest = HEAD_BYTES + EnvironmentMap::texel_bytes_of(SIDE_MAX);
         assert!(largest <= ENVIRONMENT_BYTES_MAX, "{largest}");
@@ -179,6 +189,7 @@ mod tests {
             EnvironmentMap::decode(&bytes).expect_err("damaged")
         };
         assert!(with(0, b'X').contains("this version"));
+        assert!(with(3, 3).contains("this version"));
         assert!(with(4, 65).contains("a side of 65"));
         assert!(with(5, 4).contains("a side of 1088"));
         assert!(with(4, 128).contains("bytes of texels"));

@@ -21,6 +21,7 @@ pub struct Environment {
     sampler: wgpu::Sampler,
     diffuse: wgpu::Buffer,
     mean: Vec3,
+    has_sun: bool,
 }
 
 impl Environment {
@@ -43,13 +44,19 @@ impl Environment {
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
-        Self { map: texture(gpu, map), sampler, diffuse: buffer, mean: map.diffuse[0].into() }
+        let (mean, has_sun) = (map.diffuse[0].into(), map.has_sun);
+        Self { map: texture(gpu, map), sampler, diffuse: buffer, mean, has_sun }
     }
 
     /// The mean of its radiance over all directions: all other terms of its diffuse light have a
     /// mean of 0.
     pub(crate) fn mean(&self) -> Vec3 {
         self.mean
+    }
+
+    /// Returns whether its light is all that a scene without lights has.
+    pub(crate) fn has_sun(&self) -> bool {
+        self.has_sun
     }
 
     /// Its bindings of group 0, beside those of every frame.

@@ -29,7 +29,7 @@ mod triangle_order;
 use std::sync::Arc;
 
 use glam::Vec3;
-use polyptych_scene::LightEffects;
+use polyptych_scene::{LightEffects, SceneSubset};
 
 use crate::cull::FrustumPlanes;
 use crate::environment::Environment;
@@ -109,6 +109,12 @@ impl GpuScene {
     /// Its surroundings, if not its own sky.
     pub fn environment(&self) -> Option<&Arc<Environment>> {
         self.environment.as_ref()
+    }
+
+    /// The part of it that a view shows, in its surroundings.
+    pub(crate) fn part(&self, shown: &SceneSubset) -> Selection {
+        let has_sun = self.environment.as_deref().is_some_and(Environment::has_sun);
+        self.layout.tree.select(shown).within(has_sun)
     }
 
     /// The factor of the radiance of its surroundings: beside lights in real units they are as

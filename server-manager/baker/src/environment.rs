@@ -86,7 +86,8 @@ pub fn bake_environment(
              diffuse light has all of it"
         )
     });
-    let map = environment_map(&picture, cancel)?;
+    let has_sun = matches!(source, EnvironmentSource::File(_));
+    let map = EnvironmentMap { has_sun, ..environment_map(&picture, cancel)? };
     let blob = store.blobs().write(&map.encode())?;
     // A manager remembers it from its answer on, which must not outlive it.
     store.sync()?;
@@ -113,7 +114,7 @@ fn prefiltered(
         texels.extend(level.into_iter().flat_map(texel));
     }
     let diffuse = diffuse.map(|term| term.as_vec3().to_array());
-    Ok(EnvironmentMap { side, diffuse, texels })
+    Ok(EnvironmentMap { side, diffuse, texels, has_sun: true })
 }
 
 /// Red, green, blue and 1 as halves.

@@ -140,7 +140,7 @@ fn bytes_of_views(
     let mut uniforms = vec![0; uniform_size * views.len().max(1)];
     let mut lamps = vec![0; lamp_stride * views.len().max(1)];
     for (index, view) in views.iter().enumerate() {
-        let part = scene.layout.tree.select(&view.subset);
+        let part = scene.part(&view.subset);
         let mut uniform = view.uniform(scene, part);
         let place = occlusion.and_then(|of| of.places.get(index));
         uniform.occlusion = place.copied().unwrap_or_default();

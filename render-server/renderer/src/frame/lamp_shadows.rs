@@ -28,7 +28,7 @@ impl LampMaps {
         extent: &Bounds,
         filter: ShadowFilter,
     ) -> Option<Self> {
-        let part = scene.layout.tree.select(&view.subset);
+        let part = scene.part(&view.subset);
         let lamps = scene.lamps();
         let wanted: Vec<_> = lamps
             .iter()

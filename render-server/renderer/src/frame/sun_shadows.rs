@@ -19,7 +19,7 @@ pub(super) struct SunMaps(pub Vec<Option<(u32, Vec<Cascade>)>>);
 impl SunMaps {
     /// The maps of a view of a scene with this extent; `None` if there are none.
     pub fn new(scene: &GpuScene, view: &ViewDesc, extent: &Bounds) -> Option<Self> {
-        let part = scene.layout.tree.select(&view.subset);
+        let part = scene.part(&view.subset);
         let suns = scene.suns();
         let casts: Vec<bool> = suns
             .iter()

@@ -16,12 +16,12 @@ use super::moved_items::MovedNode;
 use super::subset::{Selection, layer_bit};
 use crate::view::SUNS_MAX;
 
-/// Shines where a scene has no light of its own, and no baked light: a little warm. Given as the
-/// direction towards it, and lux.
+/// Shines where a scene has no light of its own, no baked light and no surroundings with a sun: a
+/// little warm. Given as the direction towards it, and lux.
 const DEFAULT_SUN: DirectionalLight = DirectionalLight {
     toward: DEFAULT_SUN_TOWARD,
     irradiance: Vec3::new(3.1, 2.95, 2.7),
-    on: Condition::Always,
+    on: Condition::StandIn(0),
     casts_shadows: false,
 };
 
@@ -45,8 +45,8 @@ pub(crate) enum Condition {
     Always,
     /// Those that show the layer of this bit.
     With(u64),
-    /// Those that show none of the layers of these bits.
-    Without(u64),
+    /// Those that show none of the layers of these bits, in surroundings without a sun.
+    StandIn(u64),
 }
 
 impl Condition {
@@ -59,7 +59,7 @@ impl Condition {
         let is_on = match self {
             Self::Always => true,
             Self::With(bit) => part.has_layer(bit),
-            Self::Without(bits) => !part.has_layer(bits),
+            Self::StandIn(bits) => !part.has_sun() && (bits == 0 || !part.has_layer(bits)),
         };
         if is_on { color } else { Vec3::ZERO }
     }
@@ -142,11 +142,11 @@ pub(crate) struct Lights {
 
 impl Lights {
     /// All lights of the scene, and the default sun if there may be none: each can be in a layer
-    /// that is not shown. Baked light is light, and so are surroundings of the scene's own.
+    /// that is not shown. Baked light is light; surroundings change while the lights stay.
     pub fn new(desc: &Scene, world: &[DAffine3], traits: &NodeTraits) -> Self {
         let mut lights = Self::default();
         let is_baked = desc.materials.iter().any(Material::has_baked_light);
-        let (mut layers, mut is_lit) = (0, is_baked || desc.surroundings.is_some());
+        let (mut layers, mut is_lit) = (0, is_baked);
         for (index, (node, world_from_node)) in desc.nodes.iter().zip(world).enumerate() {
             let Some(light) = node.light.map(|light| &desc.lights[light as usize]) else {
                 continue;
@@ -171,7 +171,7 @@ impl Lights {
         if !is_lit && layers == 0 {
             lights.suns.push(sun);
         } else if !is_lit {
-            lights.add(LocalLight::of_sun(&sun, Condition::Without(layers)), false);
+            lights.add(LocalLight::of_sun(&sun, Condition::StandIn(layers)), false);
         }
         if let Some((grid, lists)) = LampGrid::new(&lights.lamps) {
             (lights.grid, lights.indices) = (Some(grid), lists);

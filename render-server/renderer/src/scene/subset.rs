@@ -10,6 +10,8 @@ pub(crate) struct Selection {
     /// One bit for each layer that is shown.
     layers: u64,
     is_whole: bool,
+    /// It stands in surroundings that have a sun.
+    has_sun: bool,
 }
 
 impl Selection {
@@ -26,6 +28,16 @@ impl Selection {
     /// Returns whether it shows a layer, given by its bit; 0 is none, which is always shown.
     pub fn has_layer(&self, layer: u64) -> bool {
         layer == 0 || self.layers & layer != 0
+    }
+
+    /// Returns whether it stands in surroundings that have a sun.
+    pub fn has_sun(&self) -> bool {
+        self.has_sun
+    }
+
+    /// Returns it in surroundings that have a sun, or none.
+    pub fn within(self, has_sun: bool) -> Self {
+        Self { has_sun, ..self }
     }
 
     /// Returns whether it holds a place in the tree.
@@ -80,7 +92,7 @@ impl SceneTree {
         let bits = self.layers.iter().enumerate();
         let layers = bits.filter(|(_, of)| is_shown(of)).fold(0, |all, (bit, _)| all | 1 << bit);
         let is_whole = places.is_none() && self.layers.iter().all(is_shown);
-        Selection { places, layers, is_whole }
+        Selection { places, layers, is_whole, has_sun: false }
     }
 }
 

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec3};
-use polyptych_scene::{AlphaMode, EnvironmentMap, Material, ToneMapper};
+use polyptych_scene::{AlphaMode, EnvironmentMap, Material, NodeTraits, ToneMapper};
 
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, gpu, look, matt, pixel,
@@ -15,7 +15,7 @@ use crate::{Environment, GpuScene, ViewDesc};
 const SIZE: [u32; 2] = [192, 128];
 const SIDE: u32 = 64;
 
-/// A map whose texels are the same on each level; by direction.
+/// A map without a sun whose texels are the same on each level; by direction.
 pub(super) fn map(radiance: impl Fn(DVec3) -> [f64; 3], diffuse: [[f32; 3]; 9]) -> EnvironmentMap {
     let mut texels = Vec::with_capacity(EnvironmentMap::texel_bytes_of(SIDE));
     for level in 0..EnvironmentMap::levels_of(SIDE) {
@@ -35,7 +35,7 @@ pub(super) fn map(radiance: impl Fn(DVec3) -> [f64; 3], diffuse: [[f32; 3]; 9]) 
             texels.extend([r, g, b, 1.0].into_iter().flat_map(|of| f16_bits(of).to_le_bytes()));
         }
     }
-    EnvironmentMap { side: SIDE, diffuse, texels }
+    EnvironmentMap { side: SIDE, diffuse, texels, has_sun: false }
 }
 
 /// An environment with this radiance from all directions.
@@ -98,6 +98,40 @@ fn uniform_surroundings_are_as_a_uniform_sky() {
             assert_eq!(above_1, 0, "{alpha_mode:?}, {samples} samples");
         }
     }
+}
+
+#[test]
+fn the_sun_of_scenes_without_lights_does_not_shine_in_surroundings_with_one() {
+    let light = Vec3::splat(0.3);
+    let sunless = uniform(light.to_array().map(f64::from));
+    let sunny = EnvironmentMap { has_sun: true, ..sunless.clone() };
+    let mut stage = balls(AlphaMode::Opaque, light);
+    let shown =
+        |scene: &GpuScene, map: &EnvironmentMap| draw(&surrounded(scene, map), SIZE, &view());
+    let scene = stage.build();
+    let [with_sun, without] = [&sunless, &sunny].map(|map| shown(&scene, map));
+    assert!(differences(&with_sun, &without)[2] > 300, "there is no sun");
+    // A scene whose own light is dark has no other light, either.
+    let dark = polyptych_scene::Light {
+        kind: polyptych_scene::LightKind::Directional,
+        color: Vec3::ONE,
+        intensity: 0.0,
+        range: None,
+    };
+    stage.light(dark, DAffine3::IDENTITY);
+    let own = stage.build();
+    for map in [&sunless, &sunny] {
+        assert_eq!(differences(&shown(&own, map), &without), [0; 3]);
+    }
+    // One whose lights are all hidden is as one without.
+    let nodes = stage.desc.nodes.len();
+    let mut layer_of = vec![None; nodes];
+    layer_of[nodes - 1] = Some(0);
+    let layers = vec![("lamps".to_owned(), true)];
+    let traits = NodeTraits { layers, layer_of, ..NodeTraits::of_file(nodes) };
+    let hidden = stage.build_with(&traits);
+    assert_eq!(differences(&shown(&hidden, &sunny), &without), [0; 3]);
+    assert_eq!(differences(&shown(&hidden, &sunless), &with_sun)[1], 0);
 }
 
 #[test]

@@ -225,9 +225,12 @@ fn a_file_is_baked_once_and_the_same_bytes_have_the_same_blob() {
     let map = EnvironmentMap::decode(&bytes).expect("a map");
     // 128 at an exponent of 129 is 1, or half a step more, as readers have it.
     assert!((map.diffuse[0][0] - 1.0).abs() < 0.01, "{:?}", map.diffuse[0]);
+    assert!(map.has_sun, "a picture has all light");
     let sky = EnvironmentSource::Sky { sun: default_sun() };
     let sky = bake_environment(sky, &store, &AtomicBool::new(false)).expect("baked");
     assert_eq!(sky.what, "clear sky with the sun 49° high");
+    let bytes = store.blobs().read(sky.blob).expect("read").expect("there");
+    assert!(!EnvironmentMap::decode(&bytes).expect("a map").has_sun, "a light of the scene is it");
 }
 
 #[test]
