@@ -156,6 +156,9 @@ pub struct Node {
     /// one surface, which is left out as small only as a whole. The largest of its copies, if it
     /// has copies.
     pub crowd: f32,
+    /// It surrounds all else in the file, as a dome with a sky does: it casts no shadow, and maps
+    /// of shadows need no room for it.
+    pub is_sky: bool,
 }
 
 impl Node {

@@ -420,6 +420,7 @@ impl SceneEdits {
             placed.local = edits.local.unwrap_or(placed.local);
             if let Some(mesh) = edits.mesh {
                 crowds.give_mesh(&mut placed, mesh, &scene.meshes);
+                placed.is_sky = false;
             }
             if let Some(name) = &edits.name {
                 placed.name.clone_from(name);

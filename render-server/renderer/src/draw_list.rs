@@ -143,8 +143,8 @@ impl VisibleItems {
             !is_beyond
         });
         found.items.retain(|&item| {
-            let batch = &scene.layout.batches[scene.item(item).0.batch as usize];
-            casts_shadows(&scene.layout.keys[batch.pipeline as usize])
+            let batch = scene.batch_of(item);
+            !batch.is_sky && casts_shadows(&scene.layout.keys[batch.pipeline as usize])
         });
         leave_out_small(scene, &found.tolerance, &mut found.items);
         (found, receives)

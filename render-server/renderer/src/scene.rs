@@ -75,6 +75,8 @@ pub(crate) struct Batch {
     pub layer: u64,
     /// Around all items as they were laid out, visible or not.
     pub bounds: Bounds,
+    /// All items are skies: see [`polyptych_scene::Node::is_sky`].
+    pub is_sky: bool,
     /// The number of triangles of one item.
     pub triangles: u64,
 }
@@ -257,9 +259,21 @@ impl GpuScene {
 
     /// Around everything in a part of it.
     pub(crate) fn extent(&self, of: Selection) -> Bounds {
+        self.extent_of(of, |_| true)
+    }
+
+    /// Around all in a part of it that maps of shadows are for: skies are left out, unless there is
+    /// nothing else.
+    pub(crate) fn shadowed_extent(&self, of: Selection) -> Bounds {
+        let rest = self.extent_of(of, |batch| !batch.is_sky);
+        if rest == Bounds::EMPTY { self.extent(of) } else { rest }
+    }
+
+    /// Around those batches of a part of it.
+    fn extent_of(&self, of: Selection, has: impl Fn(&Batch) -> bool) -> Bounds {
         let own = (!of.has_all_places()).then(|| self.batch_bounds_of(of));
-        let shown =
-            (0u32..).zip(&self.layout.batches).filter(|(_, of_all)| of.has_layer(of_all.layer));
+        let is_shown = |of_all: &Batch| of.has_layer(of_all.layer) && has(of_all);
+        let shown = (0u32..).zip(&self.layout.batches).filter(|(_, of_all)| is_shown(of_all));
         let bounds = shown.map(|(at, _)| {
             own.as_ref().map_or_else(|| self.batch_bounds(at), |own| own[at as usize])
         });

@@ -3,7 +3,7 @@
 //! dot.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeSet, BinaryHeap};
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
 use glam::DVec3;
 use polyptych_scene::{Bounds, Node, OVERVIEW_NOTE};
@@ -18,6 +18,10 @@ const RATIO_MIN: f64 = 16.0;
 /// Minimum ratio of the longest side of a plane's box to its shortest: seas have waves, and grounds
 /// have hills.
 const FLATNESS_MIN: f64 = 20.0;
+
+/// Maximum ratio of the longest side of a shell's box to its shortest: the two of a dome are two
+/// times as different, and grounds with hills are flatter.
+const SHELL_FLATNESS_MAX: f64 = 3.0;
 
 /// Maximum distance of the middle of all else from that of a background's box, as a share of half
 /// of the box's side: a handle in the corner of a door is no scene in front of a background.
@@ -44,6 +48,9 @@ pub(super) struct Overview {
     pub bounds: Option<Bounds>,
     /// The nodes of the backgrounds.
     pub backgrounds: BTreeSet<u32>,
+    /// The nodes of those backgrounds that are shells around the rest, with the ratio of the
+    /// longest side of each one's box to that of `bounds`.
+    pub shells: BTreeMap<u32, f64>,
     /// The ratio of the longest side of the smallest background's box to that of `bounds`; 0 if
     /// there are no backgrounds.
     pub ratio: f64,
@@ -100,7 +107,10 @@ impl BackgroundSearch {
                 && are_backgrounds(largest, &bounds, rest.elements)
             {
                 overview.backgrounds = largest.iter().map(|part| part.node).collect();
-                overview.ratio = length(&smallest.bounds) / length(&bounds);
+                let ratio = |part: &DrawnBox| length(&part.bounds) / length(&bounds);
+                let shells = largest.iter().filter(|part| is_shell(&part.bounds));
+                overview.shells = shells.map(|part| (part.node, ratio(part))).collect();
+                overview.ratio = ratio(smallest);
                 overview.bounds = Some(bounds);
             }
             rest.add(smallest);
@@ -153,6 +163,12 @@ fn is_around(part: &Bounds, rest: &Bounds) -> bool {
     let reach = if is_plane { DVec3::splat(longest + length(rest)) } else { half };
     // A dome has its scene at its lower end, a plane beside it.
     central >= 2 && off.cmple(reach).all()
+}
+
+/// Returns whether a box is about as high as it is wide.
+fn is_shell(part: &Bounds) -> bool {
+    let sides = part.max - part.min;
+    sides.min_element() * SHELL_FLATNESS_MAX >= sides.max_element()
 }
 
 /// The longest side of a box.

@@ -54,6 +54,7 @@ mod placeholder;
 mod pose;
 mod scene_choice;
 mod shared_borders;
+mod skies;
 mod source;
 mod source_file;
 mod specular_glossiness;
@@ -374,6 +375,7 @@ impl BakeJob<'_> {
         scene.textures = textures.list;
         scene.materials = palette.materials;
         crowd::find(self, &mut scene)?;
+        skies::find(&mut scene, &overview);
         placeholder::darken(&mut scene.materials, &textures.placeholders);
         scene.surroundings = image_based_light::write(self)?;
         scene.exposure = exposure::suggest(&scene);

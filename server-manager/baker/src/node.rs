@@ -262,8 +262,9 @@ fn convert(
         _ => Vec::new(),
     };
     let local = local(node, &place)?;
-    // Which crowd it is in, and its copies, is found once all nodes are there.
-    Ok(Node { name: node.name.clone(), parent, local, mesh, light, instances, crowd: 0.0 })
+    // Which crowd it and its copies are in, and what is a sky, is found once all nodes are there.
+    let name = node.name.clone();
+    Ok(Node { name, parent, local, mesh, light, instances, ..Node::default() })
 }
 
 fn local(node: &document::Node, place: &str) -> Result<DAffine3, BakeError> {

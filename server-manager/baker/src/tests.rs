@@ -337,6 +337,36 @@ fn each_copy_of_a_node_has_its_own_crowd() {
 }
 
 #[test]
+fn domes_are_skies_and_halls_and_hills_are_none() {
+    // An octahedron of eight triangles around a triangle of one metre.
+    let is_sky = |scale: f32, height: f32, material: &serde_json::Value| {
+        let mut builder = Builder::triangle();
+        let mut corners = Vec::new();
+        for signs in 0..8_u8 {
+            let sign = |axis: u8| if signs >> axis & 1 == 1 { scale } else { -scale };
+            corners.extend([sign(0), 0.0, 0.0, 0.0, sign(1) * height, 0.0, 0.0, 0.0, sign(2)]);
+        }
+        let positions = builder.floats("VEC3", &corners);
+        builder.json["materials"] = json!([material]);
+        builder.json["extensionsUsed"] = json!(["KHR_materials_unlit"]);
+        builder.mesh(&json!({ "attributes": { "POSITION": positions }, "material": 0 }));
+        let (_place, _, scene) = bake_builder(&builder);
+        assert!(!scene.nodes[0].is_sky, "what is within is no sky");
+        scene.nodes[1].is_sky
+    };
+    let (lit, glowing) = (json!({}), json!({ "emissiveFactor": [1, 1, 1] }));
+    let unlit = json!({ "extensions": { "KHR_materials_unlit": {} } });
+    let domes = [&lit, &glowing, &unlit].map(|material| is_sky(200.0, 1.0, material));
+    let halls = [&lit, &glowing, &unlit].map(|material| is_sky(20.0, 1.0, material));
+    let hills = [&lit, &glowing, &unlit].map(|material| is_sky(200.0, 0.1, material));
+    let rooms = [&lit, &glowing, &unlit].map(|material| is_sky(4.0, 1.0, material));
+    assert_eq!(domes, [true; 3]);
+    assert_eq!(halls, [false, true, true]);
+    assert_eq!(hills, [false, false, true]);
+    assert_eq!(rooms, [false; 3]);
+}
+
+#[test]
 fn lights_are_brought_into_range() {
     let mut builder = Builder::triangle();
     let lights = json!([

@@ -312,7 +312,7 @@ fn node(random: &mut Rng, scene: &mut Scene) {
     };
     let instances = (0..count).map(|_| instance(random)).collect();
     let (name_of, local) = (name(random), local(random));
-    let made = Node { name: name_of, parent, local, mesh, light, instances, crowd: 0.0 };
+    let made = Node { name: name_of, parent, local, mesh, light, instances, ..Node::default() };
     scene.nodes.push(made);
     let attributes: BTreeMap<String, Attribute> = (0..random.usize(0..3))
         .map(|at| {

@@ -95,6 +95,7 @@ pub fn scene() -> Scene {
         light,
         instances,
         crowd: 1.5,
+        is_sky: true,
     };
     let kind = LightKind::Spot { inner_rad: 0.1, outer_rad: 0.5 };
     let light = Light { kind, color: Vec3::ONE, intensity: 3.0, range: Some(10.0) };

@@ -151,7 +151,7 @@ impl Shadows {
         let subject = Subject::new(scene, view);
         let known = self.suns.extent_of(&subject).or_else(|| self.lamps.extent_of(&subject));
         let part = scene.layout.tree.select(&view.subset);
-        let extent = known.unwrap_or_else(|| scene.extent(part).rounded_out());
+        let extent = known.unwrap_or_else(|| scene.shadowed_extent(part).rounded_out());
         let of = (&subject, extent);
         let suns = SunMaps::new(scene, view, &extent).map(|suns| {
             let wanted = suns.by_layer();

@@ -31,7 +31,9 @@ fn sun_place(
     let across = dot(shadows.suns[sun].right, moved) * cascade.scale;
     let up = dot(shadows.suns[sun].up, moved) * cascade.scale;
     let depth = dot(shadows.suns[sun].toward, moved) + DEPTH_ROUNDING;
-    return cascade.offset + vec3<f32>(across, -up, depth);
+    let place = cascade.offset + vec3<f32>(across, -up, depth);
+    // A sky, which maps do not hold, may be behind all that casts.
+    return vec3<f32>(place.xy, max(place.z, 0.0));
 }
 
 fn map_visibility(sun: u32, at: u32, position: vec3<f32>, normal: vec3<f32>, away: f32) -> f32 {

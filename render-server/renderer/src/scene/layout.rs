@@ -422,6 +422,7 @@ impl<'a> Sorter<'a> {
         }
         let batch = &mut self.batches[index as usize];
         batch.bounds = batch.bounds.union(placement.bounds);
+        batch.is_sky &= desc.nodes[placement.node].is_sky;
         index
     }
 
@@ -482,6 +483,7 @@ impl<'a> Sorter<'a> {
             blended,
             layer: 0,
             bounds: Bounds::EMPTY,
+            is_sky: true,
             triangles,
         }
     }

@@ -411,6 +411,58 @@ fn shadows_far_from_the_origin_look_the_same() {
     assert!(more_than_8 * 200 <= near.len(), "{more_than_8}");
 }
 
+/// A town in a light, in a dome of a material and a radius.
+fn domed(is_sun: bool, dome: Option<(Material, f64)>) -> SceneFixture {
+    let suns = [toward(40.0, 140.0)];
+    let mut stage = town(DVec3::ZERO, grey(), if is_sun { &suns[..] } else { &[] });
+    if !is_sun {
+        let light =
+            Light { kind: LightKind::Point, color: Vec3::ONE, intensity: 300.0, range: None };
+        stage.light(light, DAffine3::from_translation(DVec3::new(-5.0, 7.0, 5.0)));
+    }
+    if let Some((material, radius)) = dome {
+        let material = stage.material(Material { double_sided: true, ..material });
+        let dome = stage.mesh(&MeshFixture::sphere(24), Some(material));
+        stage.node(dome, DAffine3::from_scale(DVec3::splat(radius)));
+    }
+    stage
+}
+
+#[test]
+fn a_sky_casts_no_shadow_and_leaves_those_of_its_scene() {
+    // Nothing of the dome is seen.
+    let down = look(DVec3::new(3.0, 14.0, 9.0), DVec3::new(0.0, 0.0, -1.0), SIZE);
+    for (is_sun, radius) in [(true, 1e5), (false, 1e6)] {
+        let glowing = Material { emissive: Vec3::splat(0.2), ..matt(0.0, 0.0, 0.0) };
+        let mut stage = domed(is_sun, Some((glowing, radius)));
+        let plain = draw(&domed(is_sun, None).build(), SIZE, &down);
+        let before = stage.build();
+        if is_sun {
+            let lit = draw(&before, SIZE, &down).iter().filter(|pixel| pixel[0] > 60).count();
+            assert_eq!(lit, 0, "what is no sky is before the sun");
+        } else {
+            assert_eq!(shadowed(&before, &down), 0, "all is as near to the lamp as its bulb");
+        }
+        stage.desc.nodes.last_mut().unwrap().is_sky = true;
+        let scene = stage.build();
+        assert_eq!(differences(&draw(&scene, SIZE, &down), &plain), [0; 3]);
+        assert!(shadowed(&scene, &down) > 500, "the boxes have shadows");
+    }
+}
+
+#[test]
+fn a_sky_that_takes_light_has_it_behind_its_scene() {
+    let mut stage = domed(true, Some((grey(), 1e5)));
+    stage.desc.nodes.last_mut().unwrap().is_sky = true;
+    // The part that faces the sun, over the floor.
+    let from_sun = -toward(40.0, 140.0);
+    let ahead = DVec3::new(from_sun.x, 0.5, from_sun.z);
+    let eye = DVec3::Y * 2.0 + DVec3::Z * 6.0;
+    let pixels = draw(&stage.build(), SIZE, &look(eye, eye + ahead, SIZE));
+    let above = pixel(&pixels, SIZE, SIZE[0] / 2, SIZE[1] / 2)[0];
+    assert!(above > 60, "{above}: the sky is dark");
+}
+
 #[test]
 fn a_viewer_who_is_far_from_a_scene_sees_its_shadows() {
     let mut stage = SceneFixture::new();
