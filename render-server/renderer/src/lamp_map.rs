@@ -48,6 +48,10 @@ const NEAR_FRACTION: f64 = 1.0 / 65_536.0;
 /// lamp is in a corner of it.
 const LANTERN_FRACTION: f64 = 1.0 / 2.0;
 
+/// The same as a share of half of the scene's diagonal: a lantern lights what is around it, and a
+/// room that is the whole scene is none, wherever its lamp is.
+const LANTERN_SCENE_FRACTION: f64 = 3.0 / 4.0;
+
 /// The least tangent of half a cone's angle: a map of no width has no texels.
 const TANGENT_MIN: f64 = 1e-3;
 
@@ -64,6 +68,8 @@ pub(crate) struct LampMap {
     near: f64,
     /// The maximum distance that the light reaches, in units of the world.
     reach: f64,
+    /// Half of the diagonal of what may be a part of the lamp, in units of the world.
+    lantern: f64,
     /// Texels along each side.
     side: u32,
 }
@@ -100,6 +106,8 @@ impl LampMap {
         if !(position.is_finite() && near > 0.0) {
             return Vec::new();
         }
+        let of_scene = rounded_up(scene.half().length() * LANTERN_SCENE_FRACTION);
+        let lantern = (near / NEAR_FRACTION * LANTERN_FRACTION).min(of_scene);
         let is_spot = lamp.outer_rad.is_some();
         let toward = if is_spot { -lamp.direction.as_dvec3() } else { DVec3::Z };
         let tangent = match lamp.outer_rad {
@@ -112,7 +120,7 @@ impl LampMap {
         };
         let slope = tangent / (1.0 - 2.0 * border);
         let cube = LightBasis::new(toward);
-        let map = |basis| Self { position, basis, slope, near, reach, side };
+        let map = |basis| Self { position, basis, slope, near, reach, lantern, side };
         faces(cube).into_iter().take(lamp.map_count).map(map).collect()
     }
 
@@ -156,7 +164,7 @@ impl LampMap {
 
     /// Half of the diagonal of what may be a part of the lamp, in units of the world.
     pub fn lantern_radius(&self) -> f64 {
-        self.near / NEAR_FRACTION * LANTERN_FRACTION
+        self.lantern
     }
 
     /// Length of a texel at a distance of 1 along the map's axis, in units of the world.

@@ -546,7 +546,7 @@ fn what_glows_around_a_lamp_lets_its_light_out() {
 /// A hall of one primitive, of which a texture says what glows.
 #[test]
 fn what_glows_and_is_no_lantern_casts_shadows_of_lamps_within() {
-    let dark = |glow: f32| {
+    let dark = |glow: f32, lamp: &Lamp| {
         let mut hall = MeshFixture::rectangle(9.0, 9.0);
         for height in [1.0, 8.0] {
             let (first, cube) = (hall.vertices.len() as u32, cube());
@@ -560,10 +560,15 @@ fn what_glows_and_is_no_lantern_casts_shadows_of_lamps_within() {
         let of = stage.material(Material { emissive: Vec3::splat(glow), ..grey() });
         let hall = stage.mesh(&hall, Some(of));
         stage.node(hall, DAffine3::from_rotation_x(-PI / 2.0));
-        let lamp = Lamp::point(DVec3::new(-3.0, 3.0, 0.0), 60.0);
         stage.light(lamp.light(), lamp.place());
         shadowed(&stage.build(), &look(DVec3::new(3.0, 5.0, 4.0), DVec3::X * 2.0, SIZE))
     };
-    assert!(dark(0.0) > 1000, "the cube on the floor has a shadow");
-    assert!(dark(0.01) > 1000, "it has one where parts glow, too");
+    let within = Lamp::point(DVec3::new(-3.0, 3.0, 0.0), 60.0);
+    let in_corner = Lamp::point(DVec3::new(-8.5, 8.5, -8.5), 1500.0);
+    for lamp in [within, in_corner] {
+        let plain = dark(0.0, &lamp);
+        assert!(plain > 1000, "{}: the cube on the floor has a shadow: {plain}", lamp.at);
+        let glowing = dark(0.01, &lamp);
+        assert!(glowing > 1000, "{}: it has one where parts glow, too: {glowing}", lamp.at);
+    }
 }
