@@ -1,8 +1,8 @@
 //! Light from all around, as the baker prepares it for shading: a cube map of reflections whose
 //! levels are ever rougher, and the coefficients of diffuse light.
 //!
-//! Its bytes: [`MAGIC`] or [`MAGIC_SUNLESS`], the side as u32, 27 f32 of [`EnvironmentMap::diffuse`], and the texels,
-//! all little-endian.
+//! Its bytes: [`MAGIC`] or [`MAGIC_SUNLESS`], the side as u32, 27 f32 of
+//! [`EnvironmentMap::diffuse`], and the texels, all little-endian.
 
 /// The first bytes of the blob; the last one is the version.
 const MAGIC: [u8; 4] = *b"PEN\x01";
