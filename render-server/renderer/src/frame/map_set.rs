@@ -108,6 +108,26 @@ impl MapSet {
         }
     }
 
+    /// Makes a set that has as good as no memory, and no map that anything wants.
+    pub fn empty(gpu: &Gpu, of: (&Subject, Bounds)) -> Self {
+        Self::new(gpu, of, 1, 1)
+    }
+
+    /// Returns whether it was made empty.
+    pub fn is_empty(&self) -> bool {
+        self.side == 1
+    }
+
+    /// Bytes of its maps, without those of what stands still.
+    pub fn bytes(&self) -> u64 {
+        Self::bytes_of(self.side, self.layers.len())
+    }
+
+    /// Bytes of so many maps, of so many texels along each side.
+    pub fn bytes_of(side: u32, count: usize) -> u64 {
+        u64::from(side).pow(2) * (count * size_of::<f32>()) as u64
+    }
+
     /// Returns whether it has so many maps of this size, no more and no less.
     pub fn has_size(&self, side: u32, count: usize) -> bool {
         self.side == side && self.layers.len() == count

@@ -21,6 +21,10 @@ use crate::view::ViewDesc;
 /// Maps that were not used in so many frames of channels leave their memory.
 const KEPT_FRAMES: u64 = 256;
 
+/// Bytes of all maps of one kind, as many as those of one camera, beyond which maps that a frame
+/// does not use leave their memory, those of the earliest frame first.
+const BYTES_MAX: u64 = 256 << 20;
+
 /// Maximum number of passes of one submission: each has the uniforms of a view, and a map has up
 /// to [`PASSES_OF_MAP`].
 const PASSES_TOGETHER_MAX: usize = 16;
@@ -82,7 +86,8 @@ impl MapSets {
     pub fn begin_frame(&mut self) {
         self.frame += 1;
         let kept = self.frame.saturating_sub(KEPT_FRAMES);
-        self.sets.retain(|set| set.used >= kept && !set.subject().scene.is_gone());
+        let is_kept = |set: &MapSet| set.used >= kept && !set.is_empty();
+        self.sets.retain(|set| is_kept(set) && !set.subject().scene.is_gone());
     }
 
     /// The box of all that a view of a subject may show, if a set knows it.
@@ -130,13 +135,34 @@ impl MapSets {
         let found = fitting.max().map(|(_, at)| at);
         // Of another place of the same camera, or of another scene: its memory is used again.
         let has_room = |set: &MapSet| set.used < frame && set.has_size(side, wanted.len());
-        let at = found.or_else(|| self.sets.iter().position(has_room)).unwrap_or_else(|| {
-            self.sets.push(MapSet::new(gpu, (subject, extent), side, wanted.len()));
-            self.sets.len() - 1
-        });
+        let at = found.or_else(|| self.sets.iter().position(has_room));
+        let at = at.unwrap_or_else(|| self.add(gpu, (subject, extent), (side, wanted.len())));
         self.sets[at].set_subject(subject, extent);
         self.sets[at].used = frame;
         at
+    }
+
+    /// Adds a set of so many maps, and makes room for it: sets keep their places while a frame is
+    /// drawn, so what leaves its memory is empty until the next one begins.
+    fn add(&mut self, gpu: &Gpu, of: (&Subject, Bounds), (side, count): (u32, usize)) -> usize {
+        let mut all = self.bytes() + MapSet::bytes_of(side, count);
+        let is_free = |at: &usize| self.sets[*at].used < self.frame;
+        let mut free: Vec<usize> = (0..self.sets.len()).filter(is_free).collect();
+        free.sort_by_key(|at| self.sets[*at].used);
+        for at in free {
+            if all <= BYTES_MAX {
+                break;
+            }
+            all -= self.sets[at].bytes();
+            self.sets[at] = MapSet::empty(gpu, of);
+        }
+        self.sets.push(MapSet::new(gpu, of, side, count));
+        self.sets.len() - 1
+    }
+
+    /// Bytes of all maps, without those of what stands still.
+    pub fn bytes(&self) -> u64 {
+        self.sets.iter().map(MapSet::bytes).sum()
     }
 
     /// Draws the maps that were ordered.

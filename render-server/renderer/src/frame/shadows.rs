@@ -78,6 +78,12 @@ impl Shadows {
         }
     }
 
+    /// Bytes of the maps of suns, and of those of lamps.
+    #[cfg(test)]
+    pub fn held_bytes(&self) -> [u64; 2] {
+        [self.suns.bytes(), self.lamps.bytes()]
+    }
+
     /// Makes what a scene needs beside pipelines; nothing for one without lights that cast shadows.
     pub fn prepare(&mut self, gpu: &Gpu, scene: &GpuScene) {
         if scene.layout.lights.has_shadows() {

@@ -350,6 +350,23 @@ fn maps_are_kept_while_nothing_changes_and_do_not_depend_on_the_past() {
 }
 
 #[test]
+fn maps_of_a_viewer_who_comes_nearer_do_not_pile_up() {
+    let suns = [20.0, 110.0, 200.0, 290.0].map(|azimuth| toward(50.0, azimuth));
+    let fixture = town(DVec3::ZERO, grey(), &suns);
+    let mut stage = Stage::new(fixture.build(), SIZE, ShadowFilter::Soft);
+    // The nearer, the more maps, and none has been in a set of so many before.
+    for (height, maps) in [(100.0, 4), (20.0, 8), (6.0, 12), (20.0, 0)] {
+        let view = look(DVec3::new(0.0, height, 0.1), DVec3::ZERO, SIZE);
+        let (pixels, stats) = stage.draw(&view);
+        assert!(stats.shadow_maps >= maps, "{height} m: {stats:?}");
+        let [of_suns, of_lamps] = stage.renderer.shadows.held_bytes();
+        assert!(of_suns <= 256 << 20 && of_lamps == 0, "{height} m: {of_suns} bytes");
+        assert!(of_suns >= u64::from(maps) << 24, "{height} m: {of_suns} bytes");
+        assert_eq!(differences(&pixels, &draw(&fixture.build(), SIZE, &view)), [0; 3]);
+    }
+}
+
+#[test]
 fn scenes_without_suns_of_their_own_have_no_maps() {
     let dark = town(DVec3::ZERO, grey(), &[]).build();
     assert!(dark.layout.keys.iter().all(|key| !key.has_shadows()));
