@@ -27,6 +27,7 @@ mod submission;
 mod sun_shadows;
 mod surroundings;
 
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use glam::{DMat3, DMat4, DVec3, Vec3};
@@ -54,7 +55,7 @@ use depth_of_field::DiscPictures;
 use draw_context::FrameBindings;
 pub(crate) use draw_context::{DrawContext, ListPart};
 use frame_buffer::{FrameBuffer, is_too_large};
-use frame_content::FrameContent;
+use frame_content::{EncodedFrame, FrameContent};
 use glow::GlowPictures;
 pub(crate) use hidden_items::OcclusionMemory;
 use pass_timer::{FrameTimer, PassTimer};
@@ -131,6 +132,12 @@ impl FrameResources {
     #[cfg(test)]
     pub fn has_behind(&self) -> bool {
         !self.behind.is_empty()
+    }
+
+    /// Texels of the pictures behind such surfaces.
+    #[cfg(test)]
+    pub fn behind_texels(&self) -> u64 {
+        self.behind.texels()
     }
 
     /// Returns whether there are maps of depth of field.
@@ -231,13 +238,13 @@ impl FrameResources {
         let is_blurred = self.draw_discs(gpu, &with, (scene, target), (&shown, &places))?;
         // Both have pictures behind glass of their own, in the same texture.
         let glow = self.begin_glow(gpu, &with, (scene, target), &shown)?;
-        let behind = self.draw_behind(gpu, &with, scene, target, (&shown, pictures))?;
-        let lists = self.lists(gpu, scene, &shown)?;
-        let sorted = start.elapsed();
+        let groups = behind::groups(pictures, gpu.device.limits().max_texture_dimension_2d);
         let hidden_by = occluders.zip(hidden);
-        let content = FrameContent { sky, tone, behind, hidden_by, is_blurred, glow: &glow };
-        let of = (&shown[..], &lists[..]);
-        let submission = self.encode_frame(gpu, &with, (scene, &mut *target), of, content)?;
+        let content = FrameContent { sky, tone, groups, hidden_by, is_blurred, glow: &glow };
+        let before = start.elapsed();
+        let encoded = self.encode_frame(gpu, &with, (scene, &mut *target), &shown, content)?;
+        let EncodedFrame { lists, sort, submission } = encoded;
+        let sorted = before + sort;
         let glow = self.finish_glow(gpu, &with, (scene, target), &shown, (tone, &glow))?;
         let submission = glow.unwrap_or(submission);
         let submission = timer.submit(gpu).unwrap_or(submission);
@@ -301,16 +308,16 @@ impl FrameResources {
         self.done
     }
 
-    /// Sorts what the views show, and makes its records.
+    /// Sorts what some of the views show, and makes its records.
     fn lists(
         &mut self,
         gpu: &Gpu,
         scene: &GpuScene,
-        shown: &[ShownView],
+        (shown, views): (&[ShownView], Range<usize>),
     ) -> Result<Vec<DrawList>, DrawError> {
         self.clear_lists();
-        let mut lists = Vec::with_capacity(shown.len());
-        for (index, (view, visible)) in shown.iter().enumerate() {
+        let mut lists = Vec::with_capacity(views.len());
+        for (index, (view, visible)) in shown.iter().enumerate().take(views.end).skip(views.start) {
             let (scratch, records) = (&mut self.scratch, &mut self.records);
             lists.push(DrawList::new(scene, view, (visible, &visible.items), scratch, records));
             check_records(gpu, records.len())

@@ -1,4 +1,8 @@
 //! Pictures of what is behind surfaces that transmit light, drawn before the frame that shows them.
+//!
+//! Those of many views take turns in one texture: a group of views is drawn after its pictures.
+
+use std::ops::Range;
 
 use polyptych_scene::FramePass;
 
@@ -23,6 +27,10 @@ use crate::view::ViewDesc;
 
 /// A texture that was not used in so many frames of channels leaves its memory.
 const KEPT_FRAMES: u32 = 256;
+
+/// Maximum number of texels for a group of views, unless it is one view: 1 GB with four samples
+/// each.
+const TEXELS_MAX: u64 = 16 << 20;
 
 /// The texture of the frames, and the pass that makes it; nothing of it before it is needed.
 #[derive(Debug, Default)]
@@ -52,6 +60,14 @@ impl BehindBinding {
     }
 }
 
+/// Views of a frame, one after the other, whose pictures have room in one texture.
+#[derive(Debug)]
+pub(super) struct GlassGroup {
+    pub views: Range<usize>,
+    /// By view.
+    pub regions: Vec<Vec<GuardedRegion>>,
+}
+
 /// The means of drawing that the frame itself has, too.
 pub(super) struct DrawnWith<'a> {
     pub pipelines: &'a [Option<&'a wgpu::RenderPipeline>],
@@ -73,7 +89,7 @@ pub(super) struct PicturesOf<'a> {
 }
 
 impl FrameResources {
-    /// Draws what is behind the surfaces of all views that transmit light; `None` if there are
+    /// Draws what is behind the surfaces of these views that transmit light; `None` if there are
     /// none.
     ///
     /// # Errors
@@ -208,6 +224,36 @@ pub(super) fn planned(scene: &GpuScene, shown: &[ShownView]) -> Vec<Vec<GuardedR
     shown.iter().map(of_view).collect()
 }
 
+/// Divides the views of a frame into groups whose pictures take textures of up to [`TEXELS_MAX`]
+/// texels, with sides up to `side_max`. All views are in one group where none has a picture.
+pub(super) fn groups(regions: Vec<Vec<GuardedRegion>>, side_max: u32) -> Vec<GlassGroup> {
+    let begun_at = |view: usize| GlassGroup { views: view..view, regions: Vec::new() };
+    let mut groups = vec![begun_at(0)];
+    for (view, of_view) in regions.into_iter().enumerate() {
+        if !groups.last().is_some_and(|group| group.has_room(&of_view, side_max)) {
+            groups.push(begun_at(view));
+        }
+        if let Some(group) = groups.last_mut() {
+            group.regions.push(of_view);
+            group.views.end += 1;
+        }
+    }
+    groups
+}
+
+impl GlassGroup {
+    /// Returns whether it can take the next view: one without a picture, or with the first, always.
+    fn has_room(&self, of_view: &[GuardedRegion], side_max: u32) -> bool {
+        let mut all: Vec<GuardedRegion> = self.regions.iter().flatten().copied().collect();
+        if all.is_empty() || of_view.is_empty() {
+            return true;
+        }
+        all.extend_from_slice(of_view);
+        let sides = pack(all.iter_mut(), side_max);
+        sides.is_some_and(|[width, height]| u64::from(width) * u64::from(height) <= TEXELS_MAX)
+    }
+}
+
 /// Returns whether a picture of what is behind glass has ambient occlusion: wide ones, of which a
 /// texel is some pixels, have none.
 pub(super) fn is_covered(picture: &GuardedRegion) -> bool {
@@ -230,6 +276,13 @@ impl BehindPictures {
     #[cfg(test)]
     pub fn is_empty(&self) -> bool {
         self.pass.is_none() && self.texture.is_none()
+    }
+
+    /// Texels of the texture.
+    #[cfg(test)]
+    pub fn texels(&self) -> u64 {
+        let size = self.texture.as_ref().map_or([0, 0], BehindTexture::size);
+        u64::from(size[0]) * u64::from(size[1])
     }
 
     pub fn age(&mut self) {

@@ -10,8 +10,12 @@ use crate::target::Target;
 pub(super) struct SceneEnds {
     /// The colour that it begins with.
     pub sky: wgpu::Color,
+    /// It begins with the colours that the target has.
+    pub has_color: bool,
     /// It begins with the depth that the target has.
     pub has_depth: bool,
+    /// Another pass begins with its colours.
+    pub keeps_color: bool,
     /// Its depth is read later.
     pub keeps_depth: bool,
 }
@@ -35,19 +39,20 @@ pub(super) fn encode_scene(
 fn begin<'a>(
     encoder: &'a mut wgpu::CommandEncoder,
     target: &Target,
-    SceneEnds { sky, has_depth, keeps_depth }: SceneEnds,
+    SceneEnds { sky, has_color, has_depth, keeps_color, keeps_depth }: SceneEnds,
 ) -> wgpu::RenderPass<'a> {
     use wgpu::StoreOp::{Discard, Store};
     let (view, resolve_target) = target.scene();
     // What has been resolved need not be kept.
-    let store = if resolve_target.is_some() { Discard } else { Store };
+    let store = if resolve_target.is_some() && !keeps_color { Discard } else { Store };
+    let load = if has_color { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(sky) };
     encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("scene/pass"),
         color_attachments: &[Some(wgpu::RenderPassColorAttachment {
             view,
             depth_slice: None,
             resolve_target,
-            ops: wgpu::Operations { load: wgpu::LoadOp::Clear(sky), store },
+            ops: wgpu::Operations { load, store },
         })],
         depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
             view: target.depth(),

@@ -15,7 +15,7 @@ use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, gpu, look, matt, pixel,
 };
 use crate::tone::linear_from_srgb;
-use crate::{Environment, GpuScene, Renderer, Target, ViewDesc};
+use crate::{Environment, GpuScene, Renderer, Target, ViewDesc, read_pixels};
 
 const SIZE: [u32; 2] = [192, 128];
 const BEHIND: [f32; 3] = [0.7, 0.4, 0.2];
@@ -189,13 +189,17 @@ fn a_white_furnace_stays_white_behind_glass() {
     }
 }
 
-/// Glass before a checkered wall, with bright lamps around it.
-fn town_of_glass(roughness: f32, volume: Option<Volume>) -> GpuScene {
-    let mut stage = SceneFixture::new();
+fn checkered(stage: &mut SceneFixture) -> Material {
     let texture = stage.checkers(64, true);
     let with_texture =
         polyptych_scene::TextureRef { texture, uv_set: 0, uv_transform: glam::Affine2::IDENTITY };
-    let checkered = Material { base_color_texture: Some(with_texture), ..matt(1.0, 1.0, 1.0) };
+    Material { base_color_texture: Some(with_texture), ..matt(1.0, 1.0, 1.0) }
+}
+
+/// Glass before a checkered wall, with bright lamps around it.
+fn town_of_glass(roughness: f32, volume: Option<Volume>) -> GpuScene {
+    let mut stage = SceneFixture::new();
+    let checkered = checkered(&mut stage);
     let back = DAffine3::from_translation(DVec3::Z * -3.0);
     rectangle(&mut stage, checkered, [6.0, 6.0], back);
     for (x, y) in [(-1.4, 0.3), (0.1, 0.9), (0.15, -0.8), (1.5, -0.2), (-0.1, 0.05)] {
@@ -275,6 +279,34 @@ fn glass_is_drawn_with_four_samples_and_in_several_views_of_one_target() {
         let counts = differences(&whole, &both);
         assert!(counts[0] * 200 <= whole.len() && counts[2] == 0, "×{samples}: {counts:?}");
     }
+}
+
+#[test]
+fn parts_of_a_view_take_turns_in_one_texture_behind_their_glass() {
+    let mut stage = SceneFixture::new();
+    let wall = checkered(&mut stage);
+    rectangle(&mut stage, wall, [0.8, 0.8], DAffine3::from_translation(DVec3::Z * -3.0));
+    let of = Material { roughness: 0.1, ..matt(0.9, 0.95, 1.0) };
+    rectangle(&mut stage, with(of, glass(1.0, None, 1.5)), [4.0, 4.0], DAffine3::IDENTITY);
+    let scene = stage.build();
+    let (_, view) = views().swap_remove(1);
+    let whole = draw(&scene, SIZE, &view);
+    let part = |at: u32| {
+        let scissor = Some([at % 8 * 24, at / 8 * 16, 24, 16]);
+        ViewDesc { scissor, ..view.clone() }
+    };
+    let parts: Vec<ViewDesc> = (0..64).map(part).collect();
+    let mut renderer = Renderer::new(gpu(), 1).unwrap();
+    renderer.prepare(gpu(), &scene);
+    let mut target = Target::new(gpu(), SIZE, 1, true).unwrap();
+    let stats = renderer.draw(gpu(), &scene, &mut target, &parts).unwrap();
+    // Each has two pictures of 0.43 million texels, so all have 27 million.
+    let texels = renderer.frames.behind_texels();
+    assert!(texels <= 20 << 20, "{texels} texels");
+    assert!(stats.visible >= 64, "{stats:?}: each part shows the glass");
+    let pixels = read_pixels(gpu(), &target).unwrap();
+    let counts = differences(&whole, pixels.as_chunks::<4>().0);
+    assert!(counts[0] * 200 <= whole.len() && counts[2] == 0, "{counts:?}");
 }
 
 #[test]
