@@ -151,7 +151,9 @@ fn parse_json(bytes: &[u8]) -> Result<Document, BakeError> {
         let what = if error.is_eof() { "the file is truncated: " } else { "" };
         let place = if path.is_empty() { "JSON".to_owned() } else { uri::shorten_middle(&path) };
         let error = uri::shorten_middle(&error.to_string());
-        BakeError::at(place, format!("{what}{error}"), "glTF 2.0 would be right")
+        let is_twice = error.starts_with("duplicate field");
+        let right = if is_twice { "each key once" } else { "glTF 2.0" };
+        BakeError::at(place, format!("{what}{error}"), format!("{right} would be right"))
     };
     let head: AssetHeader = json::from_slice(text).map_err(|error| {
         // Text that is no JSON, such as `NaN`: the document's own error says in which key.

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use super::BakeJob;
 use super::environment::cube_light::CubeLight;
 use super::error::BakeError;
+use super::json::{JsonError, from_value};
 use super::mip::{Rgba8Image, linear_of_srgb};
 use super::texture::{self, PixelBudget};
 
@@ -63,9 +64,12 @@ pub(super) fn write(job: &mut BakeJob<'_>) -> Result<Option<BlobHash>, BakeError
 }
 
 fn light(of_scene: &serde_json::Value, of_file: &serde_json::Value) -> Result<LightJson, String> {
-    let fault = |error: serde_json::Error| format!("it cannot be read: {error}");
-    let SceneJson { light } = SceneJson::deserialize(of_scene).map_err(fault)?;
-    let mut file = FileJson::deserialize(of_file).map_err(fault)?;
+    let fault = |JsonError { path, error }: JsonError| match path.as_str() {
+        "" => format!("it cannot be read: {error}"),
+        path => format!("it cannot be read: {path}: {error}"),
+    };
+    let SceneJson { light } = from_value::<SceneJson>(of_scene).map_err(fault)?;
+    let mut file = from_value::<FileJson>(of_file).map_err(fault)?;
     if light >= file.lights.len() {
         return Err(format!("lights[{light}] is not there; the file has {}", file.lights.len()));
     }

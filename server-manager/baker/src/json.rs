@@ -1,10 +1,13 @@
-//! JSON as glTF files have it: an integer may be written as a float, and an error names its path.
+//! JSON as glTF files have it: an integer may be written as a float, a key stands once in an
+//! object, and an error names its path.
 //!
 //! Exporters of dynamic languages write `1.0` where the schema of glTF has an integer, and JSON
 //! has one kind of number. A [`Reader`] around a deserializer takes whole floats for integers,
-//! whatever type asks, and remembers where in the tree reading failed.
+//! whatever type asks, and remembers where in the tree reading failed. Of a key that stands twice
+//! programs take the first or the last value: such a file is refused, but for its `extras`.
 
 use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::fmt;
 
 use serde::Deserialize;
@@ -70,10 +73,19 @@ impl Track {
 enum Mode<'t> {
     /// A value without a special type.
     Plain,
+    /// A value that may be an object of any keys.
+    Map,
     /// An integer, which may be written as a float.
     Integer,
     /// A key, which is remembered here.
     Key(&'t RefCell<String>),
+}
+
+impl Mode<'_> {
+    /// The mode in which a value is read that may be an object of any keys.
+    fn or_map(self) -> Self {
+        if let Self::Plain = self { Self::Map } else { self }
+    }
 }
 
 /// A deserializer that takes whole floats for integers and keeps track of where it is.
@@ -110,11 +122,14 @@ impl<'de, D: Deserializer<'de>> Deserializer<'de> for Reader<'_, D> {
         deserialize_u8(), deserialize_u16(), deserialize_u32(), deserialize_u64(),
     }
 
+    // Structs check the keys that they know.
+    deserialize! { Mode::or_map; deserialize_any(), deserialize_map() }
+
     deserialize! { |mode| mode;
-        deserialize_any(), deserialize_bool(), deserialize_f32(), deserialize_f64(),
-        deserialize_char(), deserialize_str(), deserialize_string(), deserialize_bytes(),
-        deserialize_byte_buf(), deserialize_option(), deserialize_unit(), deserialize_seq(),
-        deserialize_map(), deserialize_identifier(), deserialize_ignored_any(),
+        deserialize_bool(), deserialize_f32(), deserialize_f64(), deserialize_char(),
+        deserialize_str(), deserialize_string(), deserialize_bytes(), deserialize_byte_buf(),
+        deserialize_option(), deserialize_unit(), deserialize_seq(), deserialize_identifier(),
+        deserialize_ignored_any(),
         deserialize_unit_struct(name: &'static str),
         deserialize_newtype_struct(name: &'static str),
         deserialize_tuple(len: usize),
@@ -220,7 +235,8 @@ impl<'de, V: Visitor<'de>> Visitor<'de> for Watch<'_, V> {
 
     fn visit_map<A: MapAccess<'de>>(self, inner: A) -> Result<V::Value, A::Error> {
         let key = RefCell::new(String::new());
-        self.inner.visit_map(Entries { inner, track: self.track, key: &key })
+        let known = matches!(self.mode, Mode::Map).then(BTreeSet::new);
+        self.inner.visit_map(Entries { inner, track: self.track, key: &key, known })
     }
 
     fn visit_enum<A: EnumAccess<'de>>(self, inner: A) -> Result<V::Value, A::Error> {
@@ -259,6 +275,20 @@ struct Entries<'t, A> {
     inner: A,
     track: &'t Track,
     key: &'t RefCell<String>,
+    /// The keys so far; `None` if whoever reads the object checks them.
+    known: Option<BTreeSet<String>>,
+}
+
+impl<A> Entries<'_, A> {
+    /// Refuses a key that the object has already, in the words of serde.
+    fn check_key<E: Error>(&mut self) -> Result<(), E> {
+        let key = self.key.borrow();
+        if self.known.as_mut().is_none_or(|known| known.insert(key.clone())) {
+            return Ok(());
+        }
+        let twice = Err(E::custom(format_args!("duplicate field `{key}`")));
+        self.track.follow(twice, || format!(".{key}"))
+    }
 }
 
 impl<'de, A: MapAccess<'de>> MapAccess<'de> for Entries<'_, A> {
@@ -269,12 +299,22 @@ impl<'de, A: MapAccess<'de>> MapAccess<'de> for Entries<'_, A> {
         seed: S,
     ) -> Result<Option<S::Value>, A::Error> {
         let seed = Seed { inner: seed, track: self.track, mode: Mode::Key(self.key) };
-        self.inner.next_key_seed(seed)
+        let key = self.inner.next_key_seed(seed)?;
+        if key.is_some() {
+            self.check_key::<A::Error>()?;
+        }
+        Ok(key)
     }
 
     fn next_value_seed<S: DeserializeSeed<'de>>(&mut self, seed: S) -> Result<S::Value, A::Error> {
-        let seed = Seed { inner: seed, track: self.track, mode: Mode::Plain };
-        let value = self.inner.next_value_seed(seed);
+        // What programs keep beside a scene is theirs; of two values the last one counts.
+        let is_foreign = self.key.borrow().as_str() == "extras";
+        let value = if is_foreign {
+            self.inner.next_value_seed(seed)
+        } else {
+            let seed = Seed { inner: seed, track: self.track, mode: Mode::Plain };
+            self.inner.next_value_seed(seed)
+        };
         self.track.follow(value, || format!(".{}", self.key.borrow()))
     }
 
@@ -348,5 +388,23 @@ mod tests {
         assert_eq!(path, "by_name.wood");
         assert_eq!(failure("[1]").0, "");
         assert!(from_slice::<Tree>(b"{} x").is_err(), "text goes on behind the value");
+    }
+
+    #[test]
+    fn keys_that_stand_twice_are_refused_with_their_path_but_in_extras() {
+        for (text, key) in [
+            (r#"{ "list": [{ "by_name": { "a": 1, "b": 2, "a": 3 } }] }"#, "list[0].by_name.a"),
+            (r#"{ "list": [{ "other": [{ "b": { "c": 1, "c": 1 } }] }] }"#, "list[0].other[0].b.c"),
+            (r#"{ "list": [{}, { "count": 1, "list": [], "count": 2 }] }"#, "list[1].count"),
+        ] {
+            let (path, reason) = failure(text);
+            let name = key.rsplit('.').next().expect("a name");
+            assert_eq!(path, key);
+            assert!(reason.starts_with(&format!("duplicate field `{name}` at line 1")), "{reason}");
+        }
+        let text = r#"{ "by_name": { "a": 1 }, "list": [{ "by_name": { "a": 2 } }],
+            "extras": { "a": 1, "a": { "b": 2, "b": 3 } } }"#;
+        let tree: Tree = from_slice(text.as_bytes()).expect("a tree");
+        assert_eq!(tree.others["extras"], serde_json::json!({ "a": { "b": 3 } }));
     }
 }

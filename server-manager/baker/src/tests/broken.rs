@@ -263,6 +263,33 @@ fn whole_floats_are_integers_and_others_are_refused_with_their_path() {
 }
 
 #[test]
+fn keys_that_stand_twice_are_refused_by_name() {
+    let text = String::from_utf8(Builder::quad().gltf("scene.bin")).expect("text");
+    let with = |once: &str, twice: &str| {
+        assert!(text.contains(once), "{once} is not in {text}");
+        text.replacen(once, twice, 1)
+    };
+    for (once, twice, parts) in [
+        ("\"POSITION\":0", "\"POSITION\":0,\"POSITION\":1", ["attributes.POSITION", "`POSITION`"]),
+        ("{\"mesh\":0}", "{\"mesh\":0,\"mesh\":0}", ["nodes[0]", "`mesh`"]),
+        ("\"images\":[]", "\"images\":[],\"images\":[]", ["JSON", "`images`"]),
+        ("\"asset\":", "\"asset\":{},\"asset\":", ["JSON", "`asset`"]),
+    ] {
+        let message = refusal("scene.gltf", with(once, twice).as_bytes());
+        for part in parts.into_iter().chain(["duplicate field", "each key once would be right"]) {
+            assert!(message.contains(part), "'{part}' is not in: {message}");
+        }
+    }
+    // What programs keep beside a scene is read as by others: the last value counts.
+    let place = BakeFixture::new();
+    place.write("scene.bin", &Builder::quad().bin);
+    let twice = with("{\"mesh\":0}", "{\"mesh\":0,\"extras\":{\"kind\":\"a\",\"kind\":\"b\"}}");
+    let baked = place.bake(&place.write("scene.gltf", twice.as_bytes())).expect("baked");
+    let kind = place.scene(&baked).extras[0].attributes["kind"].clone();
+    assert_eq!(kind, polyptych_scene::Attribute::Text("b".into()));
+}
+
+#[test]
 fn indices_into_empty_lists_are_not_told_to_be_below_zero() {
     let without = |list: &str, parts: &[&str]| {
         let mut builder = textured(&png(2, 2, |_, _| [1, 2, 3, 255]));

@@ -62,6 +62,18 @@ fn a_light_of_the_scene_becomes_its_surroundings() {
 }
 
 #[test]
+fn whole_floats_name_lights_and_images_too() {
+    let mut builder = lit(&light());
+    let (_place, _, expected) = bake_builder(&builder);
+    builder.json["scenes"][0]["extensions"][NAME]["light"] = json!(1.0);
+    let images = &mut builder.json["extensions"][NAME]["lights"][1]["specularImages"];
+    *images = json!([[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]]);
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+    assert!(scene.surroundings.is_some() && scene.surroundings == expected.surroundings);
+}
+
+#[test]
 fn a_file_whose_scene_names_no_light_has_none() {
     let mut builder = lit(&light());
     builder.json["scenes"][0].as_object_mut().expect("a scene").remove("extensions");
