@@ -9,8 +9,10 @@ use image::{ImageDecoder, ImageFormat, ImageReader};
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::limits::TEXTURE_SIDE_MAX;
 use polyptych_scene::{Filter, MipFilter, Sampler, Texture, TextureFormat, Wrap};
+use serde::Deserialize;
 
 use super::error::BakeError;
+use super::json::{JsonError, from_value};
 use super::material::{TextureKind, TextureUse};
 use super::mip::{self, Rgba8Image};
 use super::{BakeJob, image_format, ktx2, placeholder, specular_glossiness, uri};
@@ -49,6 +51,12 @@ const READ_BY_EXTENSION: [&str; 2] = ["EXT_texture_webp", "KHR_texture_basisu"];
 /// Formats that are read, for messages.
 const RIGHT: &str = "a PNG, JPEG, WebP or KTX2 would be right";
 
+/// An extension by which a texture names an image.
+#[derive(Deserialize)]
+struct ImageByExtension {
+    source: u32,
+}
+
 /// Everything of a texture but its sampler.
 #[derive(Clone, Copy)]
 struct Stored {
@@ -86,10 +94,14 @@ pub(super) struct Textures {
     pub placeholders: BTreeSet<u32>,
 }
 
+/// What came of an image by its index, its content and whether it has mips: a texture, or the
+/// reason why it cannot be read.
+type StoredImages = BTreeMap<(usize, TextureKind, bool), Result<Stored, String>>;
+
 /// Writes the textures that are used, in their order. Placeholders stand for images that cannot
 /// be read, each with a note.
 pub(super) fn write_all(job: &mut BakeJob<'_>, uses: &[TextureUse]) -> Result<Textures, BakeError> {
-    let mut stored: BTreeMap<(Option<usize>, TextureKind, bool), Stored> = BTreeMap::new();
+    let mut stored = StoredImages::new();
     let mut textures = Textures::default();
     let mut budget = PixelBudget::new(job);
     for (i, used) in uses.iter().enumerate() {
@@ -100,19 +112,12 @@ pub(super) fn write_all(job: &mut BakeJob<'_>, uses: &[TextureUse]) -> Result<Te
             None => Sampler::default(),
             Some(index) => sampler(job, index.value() as u32, &place)?,
         };
-        let image = image_of(json);
-        if image.is_none() {
+        let images = images_of(json);
+        if images.is_empty() {
             note_no_image(job, used.texture, json);
         }
         let has_mips = sampler.mip != MipFilter::None;
-        let key = (image, used.content, has_mips);
-        let made = if let Some(stored) = stored.get(&key) {
-            *stored
-        } else {
-            let made = write(job, image, used.content, has_mips, &mut budget)?;
-            stored.insert(key, made);
-            made
-        };
+        let made = write(job, &images, (used.content, has_mips), (&mut stored, &mut budget))?;
         if made.is_placeholder {
             textures.placeholders.insert(i as u32);
         }
@@ -131,27 +136,72 @@ pub(super) fn write_all(job: &mut BakeJob<'_>, uses: &[TextureUse]) -> Result<Te
     Ok(textures)
 }
 
+/// Writes the first of these images that can be read, or a placeholder. Notes why others cannot.
 fn write(
     job: &mut BakeJob<'_>,
-    image: Option<usize>,
-    content: TextureKind,
-    has_mips: bool,
-    budget: &mut PixelBudget,
+    images: &[usize],
+    (content, has_mips): (TextureKind, bool),
+    (stored, budget): (&mut StoredImages, &mut PixelBudget),
 ) -> Result<Stored, BakeError> {
-    let read = match image {
-        Some(index) => read(job, index, budget)?,
-        None => None,
-    };
-    let place = image.map_or_else(|| "textures".to_owned(), |index| format!("images[{index}]"));
-    let is_placeholder = read.is_none();
-    let mut picture = read.unwrap_or_else(|| placeholder::picture(content));
-    let content = if let TextureKind::Glossiness(factor) = content {
-        if !is_placeholder {
-            picture = specular_glossiness::roughness_image(picture, factor);
+    let (mut made, mut unread) = (None, Vec::new());
+    for &image in images {
+        let key = (image, content, has_mips);
+        let known = if let Some(known) = stored.get(&key) {
+            known.clone()
+        } else {
+            let known = write_image(job, key, budget)?;
+            stored.insert(key, known.clone());
+            known
+        };
+        match known {
+            Ok(known) => {
+                made = Some((image, known));
+                break;
+            }
+            Err(reason) => unread.push((image, reason)),
         }
-        TextureKind::Data
-    } else {
-        content
+    }
+    let instead = match made {
+        Some((image, _)) => format!("images[{image}] is shown in its place"),
+        None => "a placeholder is shown".to_owned(),
+    };
+    for (image, reason) in unread {
+        let title = title(job, image);
+        // The reason last: long ones are cut.
+        job.warn(&format!("{title}: {instead}, since {reason}"));
+    }
+    if let Some((_, made)) = made {
+        return Ok(made);
+    }
+    let made = store(job, placeholder::picture(content), (content, has_mips), "textures")?;
+    Ok(Stored { is_placeholder: true, ..made })
+}
+
+/// Writes an image, or says why it is missing or no image that can be read.
+fn write_image(
+    job: &mut BakeJob<'_>,
+    (image, content, has_mips): (usize, TextureKind, bool),
+    budget: &mut PixelBudget,
+) -> Result<Result<Stored, String>, BakeError> {
+    let mut picture = match decoded(job, image, budget)? {
+        Ok(picture) => picture,
+        Err(reason) => return Ok(Err(reason)),
+    };
+    if let TextureKind::Glossiness(factor) = content {
+        picture = specular_glossiness::roughness_image(picture, factor);
+    }
+    store(job, picture, (content, has_mips), &format!("images[{image}]")).map(Ok)
+}
+
+fn store(
+    job: &mut BakeJob<'_>,
+    mut picture: Rgba8Image,
+    (content, has_mips): (TextureKind, bool),
+    place: &str,
+) -> Result<Stored, BakeError> {
+    let content = match content {
+        TextureKind::Glossiness(_) => TextureKind::Data,
+        other => other,
     };
     let side = picture.width.max(picture.height);
     if side > TEXTURE_SIDE_MAX {
@@ -163,8 +213,8 @@ fn write(
     let (width, height) = (picture.width, picture.height);
     let mip_count = if has_mips { width.max(height).ilog2() + 1 } else { 1 };
     let bytes = mip::chain(picture, content, mip_count, job.cancel)?;
-    let blob = job.write(&bytes, &place)?;
-    Ok(Stored { blob, width, height, mip_count, is_placeholder })
+    let blob = job.write(&bytes, place)?;
+    Ok(Stored { blob, width, height, mip_count, is_placeholder: false })
 }
 
 /// Decodes an image, or says why it is missing or no image that can be read.
@@ -187,45 +237,43 @@ pub(super) fn decoded(
     Ok(pixels.and_then(|_| decode(&encoded)))
 }
 
-/// Reads an image. Notes why, and gives `None`, if it is missing or no image that can be read.
-fn read(
-    job: &mut BakeJob<'_>,
-    index: usize,
-    budget: &mut PixelBudget,
-) -> Result<Option<Rgba8Image>, BakeError> {
-    match decoded(job, index, budget)? {
-        Ok(picture) => Ok(Some(picture)),
-        Err(reason) => {
-            let place = format!("images[{index}]");
-            let json = &job.source.document.images[index];
-            let names = [Some(json.name.as_str()), json.uri.as_deref()];
-            let is_name = |name: &&str| !name.is_empty() && !name.starts_with("data:");
-            let name = names.into_iter().flatten().find(is_name);
-            let name = name.map_or(String::new(), |name| format!(" '{}'", uri::shorten(name)));
-            // The reason last: long ones are cut.
-            job.warn(&format!("{place}{name}: a placeholder is shown, since {reason}"));
-            Ok(None)
-        }
-    }
+/// The name of an image in notes.
+fn title(job: &BakeJob<'_>, index: usize) -> String {
+    let json = &job.source.document.images[index];
+    let names = [Some(json.name.as_str()), json.uri.as_deref()];
+    let is_name = |name: &&str| !name.is_empty() && !name.starts_with("data:");
+    let name = names.into_iter().flatten().find(is_name);
+    let name = name.map_or(String::new(), |name| format!(" '{}'", uri::shorten(name)));
+    format!("images[{index}]{name}")
 }
 
-/// The image of a texture. The one that every program can read comes first, since it lost nothing.
-fn image_of(json: &gltf::json::Texture) -> Option<usize> {
+/// The images of a texture that may be read, in the order in which they are tried. The one that
+/// every program can read comes first, since it lost nothing.
+fn images_of(json: &gltf::json::Texture) -> Vec<usize> {
     let plain = Some(json.source.value()).filter(|&image| image != NO_IMAGE);
-    let others = json.extensions.as_ref().map(|extensions| &extensions.others);
-    let named = |name: &str| usize::try_from(others?.get(name)?.get("source")?.as_u64()?).ok();
-    plain.or_else(|| READ_BY_EXTENSION.into_iter().find_map(named))
+    let others = READ_BY_EXTENSION.into_iter().filter_map(|name| named_by(json, name)?.ok());
+    plain.into_iter().chain(others).collect()
+}
+
+/// The image that a texture names by an extension, if it has that.
+fn named_by(json: &gltf::json::Texture, name: &str) -> Option<Result<usize, JsonError>> {
+    let value = json.extensions.as_ref()?.others.get(name)?;
+    Some(from_value::<ImageByExtension>(value).map(|of| of.source as usize))
 }
 
 /// Says of a texture that names no image that can be read what it names instead.
 fn note_no_image(job: &mut BakeJob<'_>, texture: u32, json: &gltf::json::Texture) {
+    let broken = READ_BY_EXTENSION.into_iter().find_map(|name| {
+        let JsonError { path, error } = named_by(json, name)?.err()?;
+        let dot = if path.is_empty() { "" } else { "." };
+        Some(format!("{name}{dot}{path} cannot be read: {error}; an index would be right"))
+    });
     let others = json.extensions.iter().flat_map(|extensions| extensions.others.keys());
     let named = others.filter_map(|name| Some((image_format::of_extension(name)?, name)));
-    let what = named.map(|(format, name)| format!("{format} ({name})")).next();
-    let what = what.unwrap_or_else(|| "missing".to_owned());
-    job.warn(&format!(
-        "textures[{texture}]: a placeholder is shown, since its image is {what}; {RIGHT}"
-    ));
+    let named = named.map(|(format, name)| format!("{format} ({name})")).next();
+    let named = named.unwrap_or_else(|| "missing".to_owned());
+    let reason = broken.unwrap_or_else(|| format!("its image is {named}; {RIGHT}"));
+    job.warn(&format!("textures[{texture}]: a placeholder is shown, since {reason}"));
 }
 
 /// Pixels of an encoded image that can be decoded within the limits, or why it cannot.

@@ -207,6 +207,46 @@ fn a_plain_image_comes_before_that_of_an_extension() {
     assert_eq!(scene.textures[0].width, 4);
 }
 
+#[test]
+fn the_image_of_an_extension_stands_for_a_plain_one_that_cannot_be_read() {
+    let webp = encoded(ImageFormat::WebP);
+    for (extension, file, plain, reason) in [
+        ("EXT_texture_webp", &webp, json!({ "uri": "gone.png" }), "can't be found"),
+        ("EXT_texture_webp", &webp, json!({ "uri": "data:image/png;base64,AAAA" }), "called PNG"),
+        ("KHR_texture_basisu", &ktx2(), json!({}), "neither uri nor bufferView"),
+    ] {
+        let mut builder = textured(file);
+        builder.json["images"].as_array_mut().expect("a list").push(plain);
+        // Exporters of dynamic languages write 0.0.
+        let extensions = json!({ extension: { "source": 0.0 } });
+        builder.json["textures"] = json!([{ "source": 1, "extensions": extensions }]);
+        let (place, baked, scene) = bake_builder(&builder);
+        let [note] = &baked.warnings[..] else { panic!("{:?}", baked.warnings) };
+        assert!(note.starts_with("images[1]") && note.contains(reason), "{note}");
+        assert!(note.contains("images[0] is shown in its place"), "{note}");
+        let texture = &scene.textures[0];
+        let bytes = place.store.blobs().read(texture.blob).expect("read").expect("there");
+        assert!(bytes.starts_with(&picture().into_raw()), "{extension}");
+    }
+}
+
+#[test]
+fn a_texture_of_which_no_image_can_be_read_is_a_placeholder_that_says_why() {
+    let mut builder = textured(b"broken");
+    builder.image(b"broken, too");
+    let by_webp = |source: serde_json::Value| json!({ "EXT_texture_webp": source });
+    for (texture, part) in [
+        (json!({ "source": 0, "extensions": by_webp(json!({ "source": 1 })) }), "1 more"),
+        (json!({ "extensions": by_webp(json!({ "source": 0.5 })) }), "0.5 is not an integer"),
+        (json!({ "extensions": by_webp(json!({})) }), "EXT_texture_webp cannot be read"),
+    ] {
+        builder.json["textures"] = json!([texture]);
+        let (_place, baked, _) = bake_builder(&builder);
+        let [note] = &baked.warnings[..] else { panic!("{:?}", baked.warnings) };
+        assert!(note.contains(part) && note.contains("a placeholder is shown"), "{note}");
+    }
+}
+
 /// One picture that other programs have written in several ways.
 #[test]
 #[cfg_attr(not(has_shared_files), ignore = "no assets and walls in ../shared")]
