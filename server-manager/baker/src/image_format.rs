@@ -53,7 +53,7 @@ pub(super) fn of_name(mime_type: Option<&str>, uri: Option<&str>) -> Option<Stri
     let of_mime = mime_type.map(|mime| mime.strip_prefix("image/").unwrap_or(mime));
     let path = uri.filter(|uri| !uri.starts_with("data:"));
     let path = path.map(|uri| uri.split(['?', '#']).next().unwrap_or(uri));
-    let name = path.and_then(|path| path.rsplit('/').next());
+    let name = path.and_then(|path| path.rsplit(['/', '\\']).next());
     let of_name = name.and_then(|name| name.rsplit_once('.')).map(|(_, end)| end);
     let of_data = uri.and_then(|uri| uri.strip_prefix("data:image/"));
     let of_data = of_data.and_then(|rest| rest.split([';', ',']).next());
@@ -123,6 +123,7 @@ mod tests {
         assert_eq!(of(None, Some("wood.webp?v=2#x")), "WebP");
         assert_eq!(of(None, Some("data:image/avif;base64,AAAA")), "AVIF");
         assert_eq!(of_name(None, Some("folder.d/wood")), None);
+        assert_eq!(of_name(None, Some("folder.d\\wood")), None);
         assert_eq!(of_name(None, None), None);
     }
 }

@@ -325,8 +325,27 @@ impl From<Unresolved> for BakeError {
     }
 }
 
-/// Returns the file that a relative path leads to, if it stays inside the folder.
+/// Returns the file that a relative path leads to, if it stays inside the folder. Where there is
+/// none, backslashes part folders too, as programs of Windows write them.
 fn resolve(folder: &Path, path: &str, uri: &str, place: &str) -> Result<PathBuf, Unresolved> {
+    match resolve_as_named(folder, path, uri, place) {
+        Err(Unresolved::Absent(_)) if path.contains('\\') => {
+            let found = resolve_as_named(folder, &path.replace('\\', "/"), uri, place);
+            // As it is named, it leads nowhere, and so not out of the folder.
+            found.map_err(|other| Unresolved::Absent(other.into()))
+        }
+        resolved => resolved,
+    }
+}
+
+/// Returns the file that a relative path leads to with slashes alone, if it stays inside the
+/// folder.
+fn resolve_as_named(
+    folder: &Path,
+    path: &str,
+    uri: &str,
+    place: &str,
+) -> Result<PathBuf, Unresolved> {
     let outside = || {
         let what = format!("'{}' leads out of the scene's folder", uri::shorten(uri));
         let right = "a file in the scene's folder or below would be right";

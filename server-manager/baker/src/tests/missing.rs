@@ -117,6 +117,43 @@ fn images_that_lead_out_of_the_scenes_folder_are_refused() {
 }
 
 #[test]
+fn backslashes_part_folders_where_no_file_has_them_in_its_name() {
+    let place = BakeFixture::new();
+    let pictures = [[9, 0, 0, 255], [0, 9, 0, 255]].map(|color| png(2, 2, |_, _| color));
+    place.write("scene/textures/old wood.png", &pictures[0]);
+    place.write("outside.png", &pictures[0]);
+    let bake = |uri: &str| {
+        let mut builder = textured(b"");
+        builder.json["images"] = json!([{ "uri": uri }]);
+        place.write("scene/buffers/scene.bin", &builder.bin);
+        let path = place.write("scene/scene.gltf", &builder.gltf(r"buffers\scene.bin"));
+        let baked = place.bake(&path).expect("baked");
+        (first_pixels(&place, &place.scene(&baked))[0].clone(), baked.warnings.join("\n"))
+    };
+    for uri in [r"textures\old wood.png", "textures%5Cold%20wood.png", r".\textures/old wood.png"] {
+        let (pixel, notes) = bake(uri);
+        assert_eq!((&pixel[..], notes.as_str()), (&[9, 0, 0, 255][..], ""), "{uri}");
+    }
+    for uri in [r"..\outside.png", r"\etc\hostname", r"textures\..\..\outside.png"] {
+        let (pixel, notes) = bake(uri);
+        assert!(pixel == [188, 188, 188, 255] && notes.contains("leads out"), "{uri}: {notes}");
+    }
+    let (_, notes) = bake(r"textures\new wood.png");
+    assert!(notes.contains(r"'textures\new wood.png' can't be found"), "{notes}");
+    #[cfg(unix)]
+    {
+        let link = place.folder.path().join("scene/textures/link.png");
+        let target = place.folder.path().join("outside.png");
+        std::os::unix::fs::symlink(target, link).expect("linked");
+        let (pixel, notes) = bake(r"textures\link.png");
+        assert!(pixel[0] == 188 && notes.contains("leads out"), "{notes}");
+        // A file of that very name comes first.
+        place.write(r"scene/textures\old wood.png", &pictures[1]);
+        assert_eq!(bake(r"textures\old wood.png").0, [0, 9, 0, 255]);
+    }
+}
+
+#[test]
 fn images_that_nothing_uses_are_not_looked_at() {
     let mut builder = Builder::quad();
     builder.json["images"] = json!([{ "uri": "gone.png" }, {}]);
