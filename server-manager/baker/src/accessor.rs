@@ -211,6 +211,15 @@ impl<'a> Accessor<'a> {
         self.elements([0.0; N], read)
     }
 
+    /// All elements as colours with alpha; where they have none, it is this number.
+    pub(super) fn colors(&self, alpha: f32) -> Result<Vec<[f32; 4]>, BakeError> {
+        if self.width != 3 {
+            return self.floats::<4>();
+        }
+        let colors = self.floats::<3>()?.into_iter();
+        Ok(colors.map(|[r, g, b]| [r, g, b, alpha]).collect())
+    }
+
     /// All elements as unsigned integers.
     pub(super) fn unsigned<const N: usize>(&self) -> Result<Vec<[u32; N]>, BakeError> {
         let is_unsigned = [Component::U8, Component::U16, Component::U32].contains(&self.component);

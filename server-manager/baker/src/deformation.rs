@@ -164,12 +164,9 @@ fn deltas(
         let what = format!("it has {} elements, POSITION {count}", accessor.count);
         return Err(BakeError::at(place, what, "equal counts would be right"));
     }
-    let numbers: Vec<f32> = match (name, accessor.width) {
-        ("COLOR_0", 3) => {
-            accessor.floats::<3>()?.into_iter().flat_map(|[r, g, b]| [r, g, b, 0.0]).collect()
-        }
-        ("COLOR_0", _) => accessor.floats::<4>()?.into_flattened(),
-        (name, _) if name.starts_with("TEXCOORD") => accessor.floats::<2>()?.into_flattened(),
+    let numbers: Vec<f32> = match name {
+        "COLOR_0" => accessor.colors(0.0)?.into_flattened(),
+        name if name.starts_with("TEXCOORD") => accessor.floats::<2>()?.into_flattened(),
         _ => accessor.floats::<3>()?.into_flattened(),
     };
     if let Some(at) = numbers.iter().position(|number| !number.is_finite()) {

@@ -185,13 +185,16 @@ fn morph<const N: usize>(
     place: &str,
 ) -> Result<(), BakeError> {
     let Some(pose) = pose else { return Ok(()) };
-    let deltas = pose.deltas::<N>(job, json, name, values.len(), place)?;
+    add(values, pose.deltas::<N>(job, json, name, values.len(), place)?);
+    Ok(())
+}
+
+fn add<const N: usize>(values: &mut [[f32; N]], deltas: Option<Vec<[f64; N]>>) {
     for (value, delta) in values.iter_mut().zip(deltas.into_iter().flatten()) {
         for (value, delta) in value.iter_mut().zip(delta) {
             *value = (f64::from(*value) + delta) as f32;
         }
     }
-    Ok(())
 }
 
 pub(super) fn attribute<const N: usize>(
@@ -201,6 +204,18 @@ pub(super) fn attribute<const N: usize>(
     count: Option<usize>,
     place: &str,
 ) -> Result<Option<Vec<[f32; N]>>, BakeError> {
+    let accessor = open(job, json, name, count, place)?;
+    accessor.map(|accessor| accessor.floats::<N>()).transpose()
+}
+
+/// The accessor of an attribute, if the primitive has it, with so many elements.
+fn open<'a>(
+    job: &BakeJob<'a>,
+    json: &document::Primitive,
+    name: &str,
+    count: Option<usize>,
+    place: &str,
+) -> Result<Option<Accessor<'a>>, BakeError> {
     let Some(&index) = json.attributes.get(name) else { return Ok(None) };
     job.check()?;
     let accessor = Accessor::open(job.source, index, &format!("{place}.attributes.{name}"))?;
@@ -208,9 +223,10 @@ pub(super) fn attribute<const N: usize>(
         let what = format!("{name} has {}, POSITION {count}", counted(accessor.count, "element"));
         return Err(BakeError::at(place, what, "equal counts would be right"));
     }
-    accessor.floats::<N>().map(Some)
+    Ok(Some(accessor))
 }
 
+/// `COLOR_0` as its morph targets change it, which may have an alpha where it has none.
 fn colors(
     job: &BakeJob<'_>,
     json: &document::Primitive,
@@ -218,23 +234,15 @@ fn colors(
     count: Option<usize>,
     place: &str,
 ) -> Result<Option<Vec<[f32; 4]>>, BakeError> {
-    let Some(&index) = json.attributes.get("COLOR_0") else { return Ok(None) };
-    let place_of = format!("{place}.attributes.COLOR_0");
-    let mut colors = if Accessor::open(job.source, index, &place_of)?.width == 3 {
-        let mut colors = attribute::<3>(job, json, "COLOR_0", count, place)?;
-        let values = colors.as_deref_mut().unwrap_or_default();
-        morph(job, json, "COLOR_0", pose, values, place)?;
-        colors.map(|colors| colors.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect())
-    } else {
-        let mut colors = attribute::<4>(job, json, "COLOR_0", count, place)?;
-        let values = colors.as_deref_mut().unwrap_or_default();
-        morph(job, json, "COLOR_0", pose, values, place)?;
-        colors
-    };
-    for value in colors.iter_mut().flatten().flatten() {
+    let Some(accessor) = open(job, json, "COLOR_0", count, place)? else { return Ok(None) };
+    let mut colors = accessor.colors(1.0)?;
+    if let Some(pose) = pose {
+        add(&mut colors, pose.color_deltas(job, json, accessor.count, place)?);
+    }
+    for value in colors.as_flattened_mut() {
         *value = if value.is_finite() { value.clamp(0.0, 1.0) } else { 1.0 };
     }
-    Ok(colors)
+    Ok(Some(colors))
 }
 
 pub(super) fn indices(

@@ -211,6 +211,29 @@ impl Pose {
         count: usize,
         place: &str,
     ) -> Result<Option<Vec<[f64; N]>>, BakeError> {
+        self.sums(job, json, (name, count), |accessor| accessor.floats::<N>(), place)
+    }
+
+    /// The sums of weighted deltas of `COLOR_0`, if any target has it; those without alpha leave
+    /// it as it is.
+    pub(super) fn color_deltas(
+        &self,
+        job: &BakeJob<'_>,
+        json: &Primitive,
+        count: usize,
+        place: &str,
+    ) -> Result<Option<Vec<[f64; 4]>>, BakeError> {
+        self.sums(job, json, ("COLOR_0", count), |accessor| accessor.colors(0.0), place)
+    }
+
+    fn sums<const N: usize>(
+        &self,
+        job: &BakeJob<'_>,
+        json: &Primitive,
+        (name, count): (&str, usize),
+        read: impl Fn(&Accessor<'_>) -> Result<Vec<[f32; N]>, BakeError>,
+        place: &str,
+    ) -> Result<Option<Vec<[f64; N]>>, BakeError> {
         let mut sums: Option<Vec<[f64; N]>> = None;
         for (i, (target, &weight)) in json.targets.iter().zip(&self.weights).enumerate() {
             let Some(&index) = target.get(name).filter(|_| weight != 0.0) else { continue };
@@ -222,7 +245,7 @@ impl Pose {
                 return Err(BakeError::at(place, what, "equal counts would be right"));
             }
             let sums = sums.get_or_insert_with(|| vec![[0.0; N]; count]);
-            for (at, (sum, delta)) in sums.iter_mut().zip(accessor.floats::<N>()?).enumerate() {
+            for (at, (sum, delta)) in sums.iter_mut().zip(read(&accessor)?).enumerate() {
                 for (sum, delta) in sum.iter_mut().zip(delta) {
                     *sum += weight * f64::from(delta);
                 }

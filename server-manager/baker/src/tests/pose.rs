@@ -316,6 +316,40 @@ fn morph_weights_of_the_node_come_before_those_of_the_mesh() {
 }
 
 #[test]
+fn colors_of_targets_may_have_an_alpha_where_those_of_the_mesh_have_none_and_the_reverse() {
+    for (base, delta, expected) in [
+        (&[0.5f32, 0.25, 0.0][..], &[0.25f32, 0.25, 0.5][..], [0.625f32, 0.375, 0.25, 1.0]),
+        (&[0.5, 0.25, 0.0], &[0.25, 0.25, 0.5, -0.5], [0.625, 0.375, 0.25, 0.75]),
+        (&[0.5, 0.25, 0.0, 0.5], &[0.25, 0.25, 0.5], [0.625, 0.375, 0.25, 0.5]),
+        (&[0.5, 0.25, 0.0, 0.5], &[0.25, 0.25, 0.5, -0.5], [0.625, 0.375, 0.25, 0.25]),
+    ] {
+        let mut builder = Builder::quad();
+        let kind = |of: &[f32]| if of.len() == 3 { "VEC3" } else { "VEC4" };
+        let [base, delta] = [base, delta].map(|of| builder.floats(kind(of), &of.repeat(4)));
+        let mesh = &mut builder.json["meshes"][0];
+        mesh["primitives"][0]["attributes"]["COLOR_0"] = json!(base);
+        mesh["primitives"][0]["targets"] = json!([{ "COLOR_0": delta }]);
+        mesh["weights"] = json!([0.5]);
+        let check = |builder: &Builder, bent: usize| {
+            let (place, baked, scene) = bake_builder(builder);
+            assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+            assert_eq!(scene.deformations.len(), bent);
+            for row in vertices(&place, &scene, 0, 0) {
+                assert_eq!(row[6..10], expected);
+            }
+        };
+        check(&builder, 0);
+        // The same where a clip may change the weight.
+        let [input, output] = [0.0f32, 0.5]
+            .map(|number| builder.accessor("SCALAR", 5126, 1, &number.to_le_bytes(), None));
+        let target = json!({ "node": 0, "path": "weights" });
+        builder.json["animations"] = json!([{ "channels": [{ "sampler": 0, "target": target }],
+            "samplers": [{ "input": input, "output": output }] }]);
+        check(&builder, 1);
+    }
+}
+
+#[test]
 fn nodes_share_a_mesh_in_several_poses_and_zero_weights_cost_nothing() {
     let mut builder = morphed();
     builder.json["nodes"] = json!([
