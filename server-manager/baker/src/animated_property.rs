@@ -57,13 +57,18 @@ impl SceneParts<'_> {
             }
             PropertyKind::Material(property) => {
                 let json = document.materials.at(source, place)?;
-                let targets = self.materials_of.get(&source).cloned().unwrap_or_default();
-                let first = targets.first().and_then(|at| self.materials.get(*at as usize));
-                let rest = match first {
-                    Some(material) => of_material(material, json, property, place)?,
-                    None => None,
-                };
-                (targets, rest)
+                let all = self.materials_of.get(&source).map_or(&[][..], Vec::as_slice);
+                let (mut targets, mut rest) = (Vec::new(), None);
+                // Copies may be unlit, or have no room for a texture: they stay as they are.
+                for &copy in all {
+                    let Some(material) = self.materials.get(copy as usize) else { continue };
+                    if let Some(value) = of_material(material, json, property, place)? {
+                        targets.push(copy);
+                        rest.get_or_insert(value);
+                    }
+                }
+                // That none has it is a fault, unless the material is not in the scene.
+                (if rest.is_some() { targets } else { all.to_vec() }, rest)
             }
         };
         if targets.is_empty() {

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use polyptych_scene::{
-    AssetManifests, ClipTime, LightKind, Material, Moment, Motion, PlacedNodes, Scene, SceneEdits,
+    AssetManifests, ClipTime, LightKind, Material, MaterialProperty, Moment, Motion, PlacedNodes,
+    PropertyKind, Scene, SceneEdits,
 };
 use serde_json::{Value, json};
 
@@ -187,6 +188,36 @@ fn what_no_pointer_can_change_is_noted_by_name_and_the_rest_is_played() {
         let said = baked.warnings.iter().any(|note| note.contains(part));
         assert!(said, "{place}: {part}: {:?}", baked.warnings);
     }
+}
+
+#[test]
+fn a_property_changes_those_copies_of_its_material_that_have_it() {
+    let (mut builder, mut clip) = (scene(), Clip::default());
+    // Points without normals are unlit, and the first to use the material.
+    let primitives = builder.json["meshes"][0]["primitives"].as_array_mut().expect("a list");
+    let positions = primitives[0]["attributes"]["POSITION"].clone();
+    let points = json!({ "attributes": { "POSITION": positions }, "mode": 0, "material": 0 });
+    primitives.insert(0, points);
+    let of = |path: &str| format!("/materials/0/pbrMetallicRoughness/{path}");
+    clip.add(&mut builder, &of("roughnessFactor"), "SCALAR", [&[0.0], &[1.0]]);
+    clip.add(&mut builder, &of("baseColorFactor"), "VEC4", [&[0.0; 4], &[1.0; 4]]);
+    clip.finish(&mut builder);
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert!(!baked.warnings.iter().any(|note| note.contains("animations")), "{:?}", baked.warnings);
+    assert_eq!(scene.animations.clips[0].channels.len(), 2);
+    let changed = scene.animations.properties.iter().map(|of| {
+        let lit = of.targets.iter().filter(|at| !scene.materials[**at as usize].unlit);
+        (of.kind, of.targets.len(), lit.count())
+    });
+    let changed: Vec<(PropertyKind, usize, usize)> = changed.collect();
+    let wanted = [(MaterialProperty::BaseColor, 2, 1), (MaterialProperty::Roughness, 1, 1)];
+    let wanted = wanted.map(|(of, targets, lit)| (PropertyKind::Material(of), targets, lit));
+    assert_eq!(changed, wanted);
+    // Where none has it, it is a fault still.
+    let primitives = builder.json["meshes"][0]["primitives"].as_array_mut().expect("a list");
+    primitives.truncate(1);
+    let (_place, baked, _) = bake_builder(&builder);
+    assert!(baked.warnings.iter().any(|note| note.contains("no such property")));
 }
 
 #[test]
