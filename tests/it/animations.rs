@@ -3,8 +3,8 @@
 
 use image::RgbaImage;
 use polyptych_client::blocking::Client;
-use polyptych_client::glam::DVec3;
-use polyptych_client::{Camera, ClipAction};
+use polyptych_client::glam::{DAffine3, DQuat, DVec3};
+use polyptych_client::{Camera, ClipAction, NodeId, Transaction};
 use serde_json::{Value, json};
 
 use crate::harness::local_wall::{ANY_PORT, LocalWall, patient, screen_of, small};
@@ -234,6 +234,36 @@ fn animations_are_played_held_and_put_to_a_time_by_the_command() {
     wait::until("the clip goes on", goes_on);
     local.run(&["open", "moving.glb"]).succeeded();
     assert_eq!(listed()[0]["speed"], 1.0, "another scene begins with its own");
+}
+
+#[test]
+fn a_joint_that_an_edit_turns_bends_what_follows_it_where_no_clip_does() {
+    let place = TestDir::new();
+    let still = |name: &str, rotation: [f64; 4]| {
+        let file = scene().with(|file| {
+            file.json["animations"] = json!([]);
+            file.json["nodes"][4]["rotation"] = json!(rotation);
+        });
+        place.write(&format!("scenes/{name}.glb"), file.glb())
+    };
+    still("straight", [0.0, 0.0, 0.0, 1.0]);
+    let file = still("bowed", [0.0, 0.0, 0.6, 0.8]);
+    let folder = file.parent().expect("a folder").to_owned();
+    let local = LocalWall::start_in(place, &patient(small(1, 1)), &[&folder], ANY_PORT);
+    let client = local.client();
+    let open = |file: &str| {
+        client.open_scene(file).expect("opened");
+        client.set_camera(VIEW).expect("set");
+        at(&client, 0.0)
+    };
+    let (bowed, straight) = (open("bowed.glb"), open("straight.glb"));
+    assert!(straight != bowed, "the joint bends the strip at rest");
+    let turn = DQuat::from_xyzw(0.0, 0.0, 0.6, 0.8);
+    let turned = DAffine3::from_rotation_translation(turn, DVec3::new(0.0, 0.5, 0.0));
+    let mut transaction = Transaction::default();
+    transaction.set_transform(NodeId(4), turned);
+    client.commit(transaction).expect("edited");
+    check("turned", &at(&client, 0.0), &bowed, &SEAMS);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Meshes that clips bend: what moves each vertex is kept beside the vertices at rest.
+//! Meshes that clips and edits bend: what moves each vertex is kept beside the vertices at rest.
 
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::deformation::{

@@ -41,7 +41,7 @@ struct PrimitiveKey<'a> {
     targets: &'a [BTreeMap<String, u32>],
     /// The mesh, if what is beside it decides about its levels.
     border: Option<u32>,
-    /// The mesh, if clips bend it.
+    /// The mesh, if clips or edits bend it.
     bent: Option<u32>,
 }
 
@@ -211,7 +211,7 @@ fn key<'a>(
 enum PrimitiveShape<'a> {
     /// Its own shape, or that of a pose.
     Still(Option<&'a Pose>),
-    /// Bent by clips.
+    /// Bent by clips or edits.
     Bent(&'a BentMesh, Pose),
 }
 

@@ -1,5 +1,5 @@
-//! The meshes that nodes draw: each in each of its poses, and once for each node where clips bend
-//! it.
+//! The meshes that nodes draw: each in each of its poses, and once for each node where clips or
+//! edits bend it.
 
 use std::collections::BTreeMap;
 
@@ -9,10 +9,18 @@ use polyptych_scene::Deformation;
 use super::BakeJob;
 use super::animation::ClipTargets;
 use super::deformation::{self, BentMesh};
-use super::document::{self, Mesh, Primitive};
+use super::document::{self, Document, Mesh, Primitive};
 use super::error::BakeError;
 use super::node::Tree;
 use super::pose::{Pose, has_joints, joints, median};
+
+/// Most vertices of all meshes with skins, counted for each node that draws one, if edits are to
+/// bend them where no clip does: some detailed figures. What is bent has no levels of detail, and
+/// shares nothing with its copies, which a crowd that stands still must.
+const EDITED_VERTICES_MAX: u64 = 1 << 18;
+
+/// Most joints that the vertices of a bent mesh can name.
+const JOINTS_MAX: usize = 1 << 16;
 
 /// A mesh of the file as nodes draw it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -21,7 +29,7 @@ pub(super) struct MeshUse {
     pub mesh: u32,
     /// An index into [`Meshes::poses`]; `None` for a mesh that stays as it is.
     pub pose: Option<u32>,
-    /// An index into [`Meshes::bent`]; `None` for a mesh that no clip bends.
+    /// An index into [`Meshes::bent`]; `None` for a mesh that is never bent.
     pub bent: Option<u32>,
 }
 
@@ -45,7 +53,7 @@ impl Meshes {
         (is_morphed || !pose.joints.is_empty()).then_some((index, pose))
     }
 
-    /// The bent mesh of a use, with its pose at rest, if clips bend it.
+    /// The bent mesh of a use, with its pose at rest, if anything bends it.
     pub(super) fn bent(&self, of: MeshUse) -> Option<(&BentMesh, Pose)> {
         let bent = self.bent.get(of.bent? as usize)?;
         let pose = of.pose.and_then(|pose| self.poses.get(pose as usize));
@@ -116,13 +124,14 @@ impl Meshes {
         Ok(self.add(mesh, pose, bent))
     }
 
-    /// Adds the mesh of a node with a skin. Gives its index among the uses, and where it stands.
+    /// Adds the mesh of a node with a skin, whose joints edits may bend, too. Gives its index among
+    /// the uses, and where it stands.
     pub(super) fn of_skinned_node(
         &mut self,
         job: &mut BakeJob<'_>,
         tree: &Tree<'_>,
         (index, mesh): (u32, u32),
-        clips: &ClipTargets,
+        (clips, edits_bend): (&ClipTargets, bool),
         place_of: &[Option<u32>],
     ) -> Result<(u32, SkinnedPlace), BakeError> {
         let node = &tree.nodes[index as usize];
@@ -160,17 +169,19 @@ impl Meshes {
         }
         let place_of = |node: u32| place_of.get(node as usize).copied().flatten();
         let bones = json_skin.joints.iter().copied().chain(is_mixed.then_some(index));
-        let is_bent = is_morphing || clips.move_below(tree, bound.top, bones);
+        let is_moved = is_morphing || clips.move_below(tree, bound.top, bones);
+        let is_bent = is_moved || (edits_bend && json_skin.joints.len() <= JOINTS_MAX);
         let rigid = is_mixed.then_some(index);
         let skin = || {
             let (top, binds) = (bound.top, &bound.inverse_binds);
             deformation::skin((top, rigid), &json_skin.joints, binds, place_of)
         };
         let bent = is_bent.then(skin).flatten().map(|skin| {
-            let bent = BentMesh::new(index, &pose, target_count(json));
-            BentMesh { skin: Some(skin), ..bent }
+            // Edits change no weights: targets without one are of no use.
+            let targets = if is_moved { target_count(json) } else { pose.weights.len() };
+            BentMesh { skin: Some(skin), ..BentMesh::new(index, &pose, targets) }
         });
-        if is_bent && bent.is_none() {
+        if is_moved && bent.is_none() {
             job.warn(&format!("{place}: its joints are not in the shown scene and do not move"));
         }
         let below = bound.top.and_then(place_of);
@@ -178,6 +189,21 @@ impl Meshes {
         let local = frame * DAffine3::from_translation(anchor);
         Ok((self.add(mesh, pose, bent), SkinnedPlace::Below(below, local)))
     }
+}
+
+/// Returns whether edits may bend the meshes that nodes with skins draw, given for each node.
+pub(super) fn can_edits_bend(document: &Document, meshes: impl Iterator<Item = u32>) -> bool {
+    let mut left = EDITED_VERTICES_MAX;
+    let parts = meshes.filter_map(|mesh| document.meshes.get(mesh as usize));
+    for part in parts.flat_map(|mesh| &mesh.primitives) {
+        let positions = part.attributes.get("POSITION").copied();
+        let accessor = positions.and_then(|index| document.accessors.get(index as usize));
+        // One at least, so that a small file is not walked through for long.
+        let count = accessor.map_or(1, |accessor| accessor.count.max(1));
+        let Some(rest) = left.checked_sub(count) else { return false };
+        left = rest;
+    }
+    true
 }
 
 /// The place of a mesh whose node has a skin.

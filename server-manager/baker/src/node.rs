@@ -15,7 +15,7 @@ use super::animation::ClipTargets;
 use super::document::{self, Instancing};
 use super::error::BakeError;
 use super::extras::ExtrasList;
-use super::mesh_use::{Meshes, SkinnedPlace};
+use super::mesh_use::{Meshes, SkinnedPlace, can_edits_bend};
 use super::{BakeJob, camera, uri};
 
 /// Maximum difference of a matrix's last row from 0, 0, 0, 1.
@@ -94,8 +94,9 @@ pub(super) fn read(job: &mut BakeJob<'_>, clips: &ClipTargets) -> Result<Placed,
         let children = node.children.iter().rev();
         stack.extend(children.map(|&child| (child, Some(place), is_hidden)));
     }
+    let edits_bend = can_edits_bend(&job.source.document, skinned.iter().map(|one| one.mesh));
     for one in skinned {
-        placed.add_skinned(job, &tree, clips, &one)?;
+        placed.add_skinned(job, &tree, (clips, edits_bend), &one)?;
     }
     placed.meshes.set_nodes(&placed.nodes);
     Ok(placed)
@@ -107,11 +108,11 @@ impl Placed {
         &mut self,
         job: &mut BakeJob<'_>,
         tree: &Tree<'_>,
-        clips: &ClipTargets,
+        bending: (&ClipTargets, bool),
         one: &Skinned,
     ) -> Result<(), BakeError> {
         let (node, place_of) = ((one.node, one.mesh), &self.place_of);
-        let (used, place) = self.meshes.of_skinned_node(job, tree, node, clips, place_of)?;
+        let (used, place) = self.meshes.of_skinned_node(job, tree, node, bending, place_of)?;
         let at_node = &mut self.nodes[one.place as usize];
         let SkinnedPlace::Below(parent, local) = place else {
             at_node.mesh = Some(used);

@@ -32,7 +32,7 @@ pub(super) struct Piece {
     pub scale: f64,
     /// The vertices that no level moves or leaves out, rising.
     pub locked: Vec<u32>,
-    /// The part that clips bend, and its shape at rest; `vertices` are as they are before.
+    /// The part that clips or edits bend, and its shape at rest; `vertices` are as before.
     pub bent: Option<(Deformer, Shape)>,
     /// The primitive in the file, for messages.
     pub place: String,
@@ -132,8 +132,8 @@ impl Piece {
         Blob { bytes, primitive, levels: facts, deformer: None, place: self.place }
     }
 
-    /// Makes the bytes of what clips bend, which has no levels: the vertices at rest, and apart
-    /// from them those that are bent.
+    /// Makes the bytes of what is bent, which has no levels: the vertices at rest, and apart from
+    /// them those that are bent.
     ///
     /// # Errors
     /// A vertex at rest is not finite.

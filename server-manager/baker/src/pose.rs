@@ -1,5 +1,5 @@
-//! Poses: the shapes that skins and morph targets give meshes at rest. What clips bend has more,
-//! see `deformation`.
+//! Poses: the shapes that skins and morph targets give meshes at rest. What clips and edits bend
+//! has more, see `deformation`.
 //!
 //! A mesh with a skin stands where its joints are; its node's own transform says nothing (glTF
 //! 2.0, 3.7.3.3). It becomes a mesh of its own, in a frame near its joints, so that vertices stay

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3};
 use polyptych_scene::deformation::Deformer;
-use polyptych_scene::{CLIPS_MAX, ClipTime, Motion, NodeId, PlacedNodes, Scene, SceneEdits};
+use polyptych_scene::{CLIPS_MAX, ClipTime, Edit, Motion, NodeId, PlacedNodes, Scene, SceneEdits};
 use serde_json::{Value, json};
 
 use super::builder::Builder;
@@ -12,11 +12,22 @@ use super::{BakeFixture, bake_builder};
 
 /// World positions of all vertices that meshes without instances draw at a time of a clip.
 fn drawn_at(place: &BakeFixture, scene: &Scene, clip: u32, time_s: f64) -> Vec<DVec3> {
+    let clips = [ClipTime { clip, time_s, weight: 1.0 }];
+    drawn_with(place, scene, &SceneEdits::default(), &clips)
+}
+
+/// The same with edits that put nodes elsewhere.
+fn drawn_with(
+    place: &BakeFixture,
+    scene: &Scene,
+    edits: &SceneEdits,
+    clips: &[ClipTime],
+) -> Vec<DVec3> {
     let base = Arc::new(scene.clone());
     let ids = (0..scene.nodes.len() as u64).map(NodeId).collect();
     let placed = PlacedNodes::new(&scene.nodes, ids, SceneEdits::default());
-    let motion = Motion::new(&base, &placed, &SceneEdits::default()).expect("it moves");
-    let moment = motion.at(&[ClipTime { clip, time_s, weight: 1.0 }]);
+    let motion = Motion::new(&base, &placed, edits).expect("it moves");
+    let moment = motion.at(clips);
     let mut world = scene.world_from_nodes();
     for (index, _, moved) in &moment.places {
         world[*index as usize] = *moved;
@@ -209,13 +220,59 @@ fn weights_that_do_not_sum_to_one_are_made_to() {
 }
 
 #[test]
-fn a_mesh_that_no_clip_bends_is_baked_as_without_clips() {
+fn edits_of_joints_bend_a_mesh_that_no_clip_bends() {
+    for origin in [[0.0; 3], [6_378_137.25, -40.0, 1e7]] {
+        let mut builder = bar(origin);
+        builder.json["animations"] = json!([]);
+        let unused = builder.floats("VEC3", &[1.0; 12]);
+        builder.json["meshes"][0]["primitives"][0]["targets"] = json!([{ "POSITION": unused }]);
+        let (place, baked, scene) = bake_builder(&builder);
+        assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+        let bent = &scene.deformations[0];
+        assert!(scene.deformations.len() == 1 && bent.weights.is_empty(), "{bent:?}");
+        let mut edits = SceneEdits::default();
+        assert_same(&drawn_with(&place, &scene, &edits, &[]), &bar_at(origin, 0.0), 1e-6);
+        // As the clip has the joints after 0.7 s.
+        let turn = DQuat::from_rotation_z(angle(0.7));
+        let upper = DAffine3::from_rotation_translation(turn, DVec3::from(UPPER));
+        let lower = DAffine3::from_translation(DVec3::new(1.4, 0.0, 0.0));
+        for (node, local) in [(3, upper), (2, lower)] {
+            edits.apply(Edit::SetTransform { node: NodeId(node), local });
+        }
+        assert_same(&drawn_with(&place, &scene, &edits, &[]), &bar_at(origin, 0.7), 1e-6);
+    }
+}
+
+#[test]
+fn skins_of_many_vertices_are_bent_by_clips_alone() {
+    for (vertices, bent) in [(1 << 18, 1), ((1 << 18) + 1, 0)] {
+        let mut builder = bar([0.0; 3]);
+        let clips = std::mem::replace(&mut builder.json["animations"], json!([]));
+        let mut positions = POSITIONS.as_flattened().to_vec();
+        positions.resize(vertices * 3, 0.0);
+        let positions = builder.floats("VEC3", &positions);
+        // Without a view all are 0, and all follow the first joint.
+        let accessors = builder.json["accessors"].as_array_mut().expect("a list");
+        for component in [5121, 5126] {
+            let zeros = json!({ "componentType": component, "count": vertices, "type": "VEC4" });
+            accessors.push(zeros);
+        }
+        let attributes = json!({ "POSITION": positions, "JOINTS_0": accessors.len() - 2,
+            "WEIGHTS_0": accessors.len() - 1 });
+        builder.json["meshes"][0]["primitives"][0]["attributes"] = attributes;
+        assert_eq!(bake_builder(&builder).2.deformations.len(), bent, "{vertices} vertices");
+        builder.json["animations"] = clips;
+        assert_eq!(bake_builder(&builder).2.deformations.len(), 1, "{vertices} vertices");
+    }
+}
+
+#[test]
+fn a_mesh_goes_with_its_whole_skeleton() {
     let mut builder = bar([0.0; 3]);
     // The clip moves the whole skeleton, and bends nothing.
     let channel = json!([{ "sampler": 1, "target": { "node": 1, "path": "translation" } }]);
     builder.json["animations"][0]["channels"] = channel;
     let (place, _, scene) = bake_builder(&builder);
-    assert!(scene.deformations.is_empty());
     let start = drawn_at(&place, &scene, 0, 0.0);
     let moved = drawn_at(&place, &scene, 0, 1.5);
     let wanted: Vec<DVec3> = start.iter().map(|point| *point + DVec3::new(3.0, 0.0, 0.0)).collect();

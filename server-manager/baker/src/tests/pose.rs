@@ -257,10 +257,15 @@ fn copies_of_a_skeleton_in_one_pose_share_their_mesh_and_others_do_not() {
         json!({ "joints": joints, "inverseBindMatrices": matrices })
     };
     builder.json["skins"] = json!([skin(2), skin(7), skin(12), skin(17)]);
-    builder.json["scenes"] = json!([{ "nodes": [0, 1, 5, 6, 10, 11, 15, 16] }]);
+    // The joints are not in the scene, so that no edit bends what follows them.
+    builder.json["scenes"] = json!([{ "nodes": [0, 5, 10, 15] }]);
     let (_place, baked, scene) = bake_builder(&builder);
     assert_eq!((scene.meshes.len(), baked.triangles), (2, 8));
     assert_ne!(scene.meshes[0].primitives[0].blob, scene.meshes[1].primitives[0].blob);
+    // Where they are, each is bent by itself.
+    builder.json["scenes"] = json!([{ "nodes": [0, 1, 5, 6, 10, 11, 15, 16] }]);
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert_eq!((scene.deformations.len(), baked.triangles), (4, 8));
 }
 
 /// The quad of the builder with a target that moves, turns and colours it.
