@@ -82,6 +82,15 @@ pub struct BakedAssets {
 }
 
 impl NewAssets {
+    /// Returns whether it may bring meshes. What was made of a file without any brings its notes
+    /// alone, beside the nodes that the transaction makes.
+    pub fn has_meshes(&self) -> bool {
+        match &self.source {
+            AssetSource::Baked(baked) => !baked.primitives.is_empty(),
+            AssetSource::Glb(_) | AssetSource::File(_) => true,
+        }
+    }
+
     /// Takes the notes out of assets that were baked.
     pub fn take_notes(&mut self) -> Vec<String> {
         match &mut self.source {

@@ -52,6 +52,7 @@ pub(crate) async fn bake(
     let mut notes: Vec<String> =
         scene.notes.iter().filter(|note| concerns_assets(note)).cloned().collect();
     notes.extend(notes_of_motion(&scene));
+    let has_meshes = !scene.meshes.is_empty();
     if let Some(below) = assets.below {
         let left_out = place(&scene, *below, &mut transaction)?;
         if left_out > 0 {
@@ -59,12 +60,11 @@ pub(crate) async fn bake(
             let line = "a line or a point by its scale, or hangs from such a one";
             notes.push(format!("nodes: {nodes} left out: each is {line}"));
         }
-        if scene.meshes.is_empty() {
-            // Lights and places for others bring nothing that could be used.
-            return Ok((transaction, Vec::new()));
-        }
+    } else if !has_meshes {
+        return Err("no node of the file shows a mesh, so nothing could use its assets".into());
     }
-    let blobs = std::iter::once(manifest).chain(scene.blobs()).collect();
+    // Of lights and places for others servers need no blob, and the core takes the notes alone.
+    let blobs = std::iter::once(manifest).chain(scene.blobs()).filter(|_| has_meshes).collect();
     let source = AssetSource::Baked(BakedAssets {
         manifest,
         primitives: scene.meshes.iter().map(|mesh| mesh.primitives.len() as u32).collect(),

@@ -170,8 +170,9 @@ fn a_file_below_a_node_is_the_picture_of_the_file_that_has_both() {
     check("shown", &picture(&local), &expected, &IDENTICAL);
     local.run(&["node", "remove", "flag"]).succeeded();
     check("removed", &picture(&local), &without, &IDENTICAL);
-    // A file without meshes brings its places.
-    local.run(&["scene", "import", "post.glb"]).succeeded();
+    // A file without meshes brings its places, and says that nothing of it is drawn.
+    let said = local.run(&["scene", "import", "post.glb"]).succeeded();
+    assert!(said.contains("note: scenes: the shown scene has no mesh"), "{said}");
     check("a post more", &picture(&local), &without, &IDENTICAL);
 }
 

@@ -385,6 +385,7 @@ impl Cluster {
         self.changes.expect_room()?;
         let is_temporary = transaction.is_temporary;
         let notes = transaction.assets.as_mut().map(NewAssets::take_notes).unwrap_or_default();
+        transaction.assets = transaction.assets.filter(NewAssets::has_meshes);
         let Accepted { edits, created, assets } = self.editing.accept(transaction)?;
         if is_temporary && !created.is_empty() {
             self.editing.temporary.add(job.client, &created);

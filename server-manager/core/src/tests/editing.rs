@@ -384,3 +384,24 @@ fn assets_have_numbers_behind_all_others_and_go_when_nothing_uses_them() {
     assert_eq!(stage.refusal(raw), "its assets were not read yet");
     assert_eq!(held(&stage), (1, true));
 }
+
+#[test]
+fn a_file_without_meshes_brings_nodes_and_notes_alone() {
+    let mut stage = ClusterFixture::with_house(1);
+    let assets = BakedAssets {
+        manifest: BlobHash([9; 32]),
+        primitives: Vec::new(),
+        materials: 1,
+        textures: 0,
+        notes: vec!["scenes: a note".into()],
+    };
+    let mut lamp = Transaction::default().with_assets(AssetSource::Baked(assets));
+    lamp.create(NewNode::default());
+    let id = stage.edit(lamp);
+    stage.prepare_all();
+    stage.draw(&[0], 1_000);
+    let edited = stage.edited(id).expect("an answer");
+    assert_eq!((edited.created.len(), edited.assets), (1, None));
+    assert_eq!(edited.notes, ["scenes: a note"]);
+    assert_eq!(stage.cluster.shown.edits.assets().count(), 0);
+}
