@@ -26,7 +26,7 @@ use polyptych_text::printable;
 use serde_json::{Value, json};
 use style_change::{facing_name, style_in_json};
 
-use super::remote::{path_from_here, say_notes};
+use super::remote::{here_or_there, say_notes};
 use super::seen::Seen;
 use super::{ManagerAddress, say};
 
@@ -314,22 +314,27 @@ impl Editor {
             bail!("nothing would change");
         }
         let edited = self.client.commit(self.transaction)?;
-        let seen = Seen::of(&self.client, &edited.feedback)?;
-        if is_json {
-            say(in_json(&edited, &seen))?;
-        } else {
-            let made: Vec<_> = edited.created.iter().take(8).map(ToString::to_string).collect();
-            let made = match edited.created.len() {
-                0 => String::new(),
-                count if count <= 8 => format!("made {}; ", made.join(", ")),
-                count => format!("made {count} nodes from {} on; ", edited.created[0]),
-            };
-            let revision = edited.revision;
-            say(format_args!("{made}revision {revision}, {}", seen.in_words()))?;
-            say_notes(&edited.notes)?;
-        }
-        Ok(seen.conclude())
+        conclude(&self.client, &edited, is_json)
     }
+}
+
+/// Says what came of a transaction.
+fn conclude(client: &Client, edited: &Edited, is_json: bool) -> anyhow::Result<ExitCode> {
+    let seen = Seen::of(client, &edited.feedback)?;
+    if is_json {
+        say(in_json(edited, &seen))?;
+    } else {
+        let made: Vec<_> = edited.created.iter().take(8).map(ToString::to_string).collect();
+        let made = match edited.created.len() {
+            0 => String::new(),
+            count if count <= 8 => format!("made {}; ", made.join(", ")),
+            count => format!("made {count} nodes from {} on; ", edited.created[0]),
+        };
+        let revision = edited.revision;
+        say(format_args!("{made}revision {revision}, {}", seen.in_words()))?;
+        say_notes(&edited.notes)?;
+    }
+    Ok(seen.conclude())
 }
 
 fn in_json(edited: &Edited, seen: &Seen) -> Value {
@@ -378,9 +383,12 @@ pub(super) fn import(arguments: &ImportArguments) -> anyhow::Result<ExitCode> {
     let mut editor = Editor::new(arguments.target.manager.connect()?)?;
     let parent = arguments.parent.as_deref().map(|parent| editor.parent(parent));
     let below = change.new_node(parent.transpose()?.flatten(), &arguments.file)?;
-    let source = AssetSource::File(path_from_here(&arguments.file));
-    editor.transaction = editor.transaction.with_scene(source, below);
-    editor.commit(arguments.target.json)
+    let Editor { client, transaction, .. } = editor;
+    let edited = here_or_there(&arguments.file, |path| {
+        let source = AssetSource::File(path.to_owned());
+        client.commit(transaction.clone().with_scene(source, below.clone()))
+    })?;
+    conclude(&client, &edited, arguments.target.json)
 }
 
 pub(super) fn transaction(arguments: &TransactionArguments) -> anyhow::Result<ExitCode> {

@@ -43,7 +43,7 @@ pub(super) struct OpenArguments {
 
 /// The path of a scene as the manager is to resolve it: one that is meant from here must say where
 /// here is.
-pub(super) fn path_from_here(file: &str) -> String {
+fn path_from_here(file: &str) -> String {
     let from_here = std::path::absolute(file).ok().filter(|path| path.is_file());
     from_here.map_or_else(|| file.to_owned(), |path| path.display().to_string())
 }

@@ -207,6 +207,22 @@ fn transactions_of_a_program_are_applied_in_its_order() {
 }
 
 #[test]
+fn a_file_of_the_managers_folders_is_imported_where_the_one_here_is_in_none_of_them() {
+    let place = TestDir::new();
+    place.write("scenes/flag.glb", flag().glb());
+    let post = place.write("scenes/post.glb", post().glb());
+    place.write("flag.glb", "no glTF");
+    place.write("own.glb", flag().glb());
+    let folder = post.parent().expect("a folder").to_owned();
+    let local = LocalWall::start_in(place, &small(1, 1), &[&folder], ANY_PORT);
+    local.client().open_scene("post.glb").expect("opened");
+    local.run(&["scene", "import", "flag.glb", "name=found"]).succeeded();
+    let tree = local.run(&["scene", "tree"]).succeeded();
+    assert!(tree.contains("2 found"), "{tree}");
+    local.run(&["scene", "import", "own.glb"]).failed(&["own.glb", "the manager's scene folders"]);
+}
+
+#[test]
 fn shapes_are_added_by_words() {
     let local = wall();
     let before = picture_of(&local, "post.glb");
