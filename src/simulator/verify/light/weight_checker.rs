@@ -5,7 +5,8 @@
 //! got, by their curve, and what leaks with it; on each place the light of all is summed, and must
 //! be that of the field. Where a channel's pixels are the canvas's, and where it is alone, each
 //! pixel is judged; else light between pixels is linear, and judged as the mean of some pixels, as
-//! a projector's black ends within a pixel of another one.
+//! a projector's black ends within a pixel of another one. What no eye can see is not judged: the
+//! far side of a dome seen from outside, what stands behind a mesh, and a canvas where it has none.
 
 use anyhow::Context;
 use glam::{DMat3, DVec2, DVec3, UVec2};
@@ -13,9 +14,10 @@ use polyptych_wall::blend::BlendModel;
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::channel_mapping::ChannelMapping;
 use polyptych_wall::light_composite::{LinearImage, StereoEye};
-use polyptych_wall::wall_geometry::ResolvedWall;
+use polyptych_wall::wall_geometry::{ResolvedWall, ScreenGeometry};
 use polyptych_wall::{
-    Channel, ChannelCalibration, ChannelKind, StereoPacking, Surface, TransferFunction, Wall,
+    Channel, ChannelCalibration, ChannelKind, StereoPacking, Surface, TransferFunction, Viewpoint,
+    Wall,
 };
 
 use crate::simulator::verify::fields::{Fields, GREYS};
@@ -43,9 +45,13 @@ const WINDOWS_MIN: f64 = 0.995;
 /// may end it at the border of the wall.
 const MASKED_WINDOWS_MIN: f64 = 0.9;
 
-/// Maximum distance between a point of a mesh and the point that light thrown at it reaches, in
-/// pixels of the canvas: beyond it, the light falls on a part of the mesh in front of the point.
+/// Maximum distance between a point of a curved screen and the point that light thrown at it
+/// reaches, in pixels of the canvas: beyond it, the light falls on a part in front of the point.
 const LAYER_PX: f64 = 1.0;
+
+/// Maximum distance between a point of a screen and the first one that an eye sees there, as a
+/// share of its own distance plus 1 m.
+const MISS_MAX: f64 = 1e-6;
 
 /// Distance around a pixel within which the same channels must light the canvas, in pixels, for the
 /// pixel to be judged alone.
@@ -99,7 +105,9 @@ fn is_alike(wall: &Wall) -> bool {
 /// A channel that lights a screen for one eye.
 struct LitChannel<'a> {
     channel: &'a Channel,
-    surface: &'a Surface,
+    ground: ScreenGeometry<'a>,
+    /// Its eyes.
+    eyes: Vec<Viewpoint>,
     pixels: ChannelMapping<'a>,
     /// The light of its codes, for each of [`GREYS`].
     shown: Vec<LinearImage<'a>>,
@@ -139,7 +147,8 @@ fn lamps<'a>(
         let needed = DMat3::from_diagonal(color.gain) * color.matrix;
         lamps.push(LitChannel {
             channel,
-            surface: &shaped.wall.screen_of(channel).surface,
+            ground: shaped.shapes.screen(shaped.wall.screen_of(channel)),
+            eyes: shaped.wall.viewpoints(channel),
             shown: shown.collect::<anyhow::Result<_>>()?,
             built: if is_as_built { needed.inverse() } else { DMat3::IDENTITY },
             leak: shaped.wall.leak_of(channel),
@@ -166,17 +175,38 @@ impl LitChannel<'_> {
         if !(pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all()) {
             return None;
         }
-        // A mesh may stand before itself.
-        let is_mesh = matches!(self.surface, Surface::Mesh(_));
-        let is_before =
-            is_mesh && self.pixels.canvas_from_pixel(pixel)?.distance(canvas) > LAYER_PX;
-        (!is_before).then_some(pixel)
+        if self.is_flat() {
+            return Some(pixel);
+        }
+        // A canvas may lie nowhere in places, and a curved screen may stand before itself.
+        self.ground.display_from_canvas(canvas)?;
+        let reached = self.pixels.canvas_from_pixel(pixel)?;
+        (reached.distance(canvas) <= LAYER_PX).then_some(pixel)
+    }
+
+    fn is_flat(&self) -> bool {
+        matches!(self.ground.screen.surface, Surface::Plane(_))
+    }
+
+    /// Returns whether some eye sees a place of the screen's canvas: its front, before all else.
+    /// No wall has eyes behind a plane.
+    fn is_seen(&self, canvas: DVec2) -> bool {
+        if self.is_flat() {
+            return true;
+        }
+        let Some(point) = self.ground.display_from_canvas(canvas) else { return false };
+        self.eyes.iter().any(|eye| {
+            let eye = eye.eye_for(point);
+            let first = self.ground.hit(eye, point - eye);
+            let slack = MISS_MAX * (1.0 + point.distance(eye));
+            first.is_some_and(|(first, _)| first.distance(point) <= slack)
+        })
     }
 
     /// A place between pixels of which some are dark by what a file says: there is nothing to
     /// interpolate between.
     fn ends_at(&self, pixel: DVec2) -> bool {
-        if self.channel.cover == ChannelKind::Tile {
+        if self.channel.cover == ChannelKind::Tile && !self.ground.is_mesh() {
             return false;
         }
         let (low, last) = ((pixel - 0.5).floor() + 0.5, self.channel.size.as_dvec2() - 0.5);
@@ -280,7 +310,8 @@ struct Sums {
 impl Sums {
     /// At the middles of a channel's pixels, where those of all that light them are exact.
     fn look(&mut self, lamps: &[LitChannel<'_>], at: usize) {
-        let LitChannel { channel, pixels, axes, .. } = &lamps[at];
+        let lamp = &lamps[at];
+        let LitChannel { channel, pixels, axes, .. } = lamp;
         let around = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE].map(|by| by - 0.5);
         let rows = spread(channel.size.y);
         for (x, y) in rows.flat_map(|y| spread(channel.size.x).map(move |x| (x, y))) {
@@ -306,7 +337,11 @@ impl Sums {
                     })
                 })
             };
-            if !is_judged || (!is_exact && !is_whole()) {
+            let is_seen = || {
+                let mut corners = around.iter().map(|by| pixels.canvas_from_pixel(pixel + *by));
+                lamp.is_flat() || corners.all(|at| at.is_some_and(|at| lamp.is_seen(at)))
+            };
+            if !is_judged || !is_seen() || (!is_exact && !is_whole()) {
                 continue;
             }
             for (grey, light) in GREYS.into_iter().enumerate() {
@@ -342,8 +377,10 @@ impl Sums {
                 }
             }
             let is_masked = fewest.iter().any(|(at, _)| lamps[*at].is_masked);
+            let middle = UVec2::new(x, y).as_dvec2() + f64::from(WINDOW) / 2.0;
+            let is_seen = |(at, _): &(usize, DVec2)| lamps[*at].is_seen(middle);
             // What one mask alone leaves of the light, it is meant to leave.
-            if fewest.is_empty() || (is_masked && fewest.len() == 1) {
+            if !fewest.iter().any(is_seen) || (is_masked && fewest.len() == 1) {
                 continue;
             }
             let axes: Vec<usize> = (0..3)
@@ -444,3 +481,6 @@ impl WindowMeans {
         table.add(what, kept, "", Some(Bound::AtLeast(least)), note);
     }
 }
+
+#[cfg(test)]
+mod tests;
