@@ -109,7 +109,7 @@ pub(crate) fn verify(
         table.add_unmeasured("displays that hang or shine otherwise", None, why);
     }
     prover.save_all("wall", &capture)?;
-    let mut pictures = ProofPictures::new(&capture)?;
+    let mut pictures = ProofPictures::new(wall, &capture)?;
     for index in judged {
         let name = &wall.screens[usize::from(index)].name;
         steps.begin(format_args!("drawing screen {name} by one channel, to compare with"));

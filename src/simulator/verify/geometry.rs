@@ -8,13 +8,12 @@ use polyptych_client::blocking::Client;
 use polyptych_client::{Camera, Capture, Image};
 use polyptych_text::counted;
 use polyptych_wall::channel_mapping::ChannelMapping;
-use polyptych_wall::head::HeadPose;
 use polyptych_wall::wall_geometry::ResolvedWall;
-use polyptych_wall::{Channel, ChannelId, ChannelKind, Viewpoint, Wall};
+use polyptych_wall::{Channel, ChannelId, ChannelKind, Eye, Viewpoint, Wall};
 
 use super::light::{self, Drawn};
 use super::marker::{self, LuminanceImage, Marker, Reading};
-use super::verification_report::{Bound, MeasuredPoint, VerificationReport};
+use super::verification_report::{Bound, MeasuredPoint, VerificationReport, with_eye};
 use crate::outputs;
 use crate::progress::Steps;
 
@@ -57,10 +56,15 @@ const NEARS_MIN: f64 = 1.5;
 /// Depths of markers, in distances from the eye to the screen.
 const DEPTHS: [f64; 3] = [1.0, 1.7, 5.0];
 
-/// A channel, and where its pixels and its eye are.
+/// Room around a marker's middle within its channel's picture, in its half sides.
+const ROOM: f64 = 1.25;
+
+/// A channel as one eye sees it, and where its pixels and that eye are. A display that has the
+/// pictures of both eyes is two of them.
 pub(super) struct ChannelView<'a> {
     pub id: ChannelId,
     pub name: &'a str,
+    pub of: Eye,
     pub map: ChannelMapping<'a>,
     eye: Viewpoint,
     half: f64,
@@ -69,6 +73,7 @@ pub(super) struct ChannelView<'a> {
 
 /// The error of a marker's position on one channel, in pixels.
 struct MarkerError {
+    /// The index of its view.
     channel: usize,
     marker: usize,
     /// The place at which it must be, in pixels of the channel's picture.
@@ -139,20 +144,48 @@ pub(super) fn verify(
     Ok(())
 }
 
-/// The channels that are large enough for markers.
+/// The channels that are large enough for markers, as each of their eyes sees them.
 pub(super) fn channels(shaped: ResolvedWall<'_>) -> Vec<ChannelView<'_>> {
     let wall = shaped.wall;
-    let head = HeadPose::facing_forward(wall.eye, wall.eye_separation_m);
-    let seen = |id| {
-        let channel = wall.channel(id)?;
-        let map = shaped.channel_mapping(id)?;
-        let eye = wall.viewpoint(&head, light::eye_of(&channel.adjustment));
+    let head = wall.head();
+    let mut views = Vec::new();
+    for (id, channel) in wall.channel_ids().zip(&wall.channels) {
+        let Some(map) = shaped.channel_mapping(id) else { continue };
         let half = HALF_PX.min((channel.size.min_element() as f64 / 7.0).floor());
-        let is_warped = is_warped(wall, channel);
-        map.display_from_pixel(channel.size.as_dvec2() / 2.0)?;
-        Some(ChannelView { id, name: &channel.name, map, eye, half, is_warped })
-    };
-    wall.channel_ids().filter_map(seen).filter(|seen| seen.half >= HALF_MIN_PX).collect()
+        let middle = map.display_from_pixel(channel.size.as_dvec2() / 2.0);
+        if half < HALF_MIN_PX || middle.is_none() {
+            continue;
+        }
+        for &of in channel.eyes() {
+            let (eye, map) = (wall.viewpoint(&head, of), map.clone());
+            let is_warped = is_warped(wall, channel);
+            views.push(ChannelView { id, name: &channel.name, of, map, eye, half, is_warped });
+        }
+    }
+    views
+}
+
+impl ChannelView<'_> {
+    /// Returns the channel's name, with the eye where it is not for the middle of both.
+    pub fn label(&self) -> String {
+        with_eye(self.name, self.of)
+    }
+
+    /// Returns whether all of a marker around this pixel of the picture can be seen.
+    fn has_room(&self, pixel: DVec2, size: DVec2) -> bool {
+        let inset = DVec2::splat(self.half * ROOM);
+        let around = [DVec2::X, DVec2::NEG_X, DVec2::Y, DVec2::NEG_Y];
+        let is_lit = |by: DVec2| self.map.display_from_pixel(pixel + by * self.half).is_some();
+        pixel.cmpge(inset).all()
+            && pixel.cmple(size - inset).all()
+            && around.into_iter().all(is_lit)
+    }
+
+    /// Returns whether the other one is of another channel, and some eye sees both.
+    fn meets(&self, other: &Self) -> bool {
+        let is_for_both = self.of == Eye::Center || other.of == Eye::Center;
+        self.id != other.id && (is_for_both || self.of == other.of)
+    }
 }
 
 /// Returns whether a channel's picture is resampled on its way to the display.
@@ -168,13 +201,13 @@ pub(super) fn is_warped(wall: &Wall, channel: &Channel) -> bool {
 
 /// Nine for each channel, but for those that would lie over others.
 fn markers(wall: &Wall, seen: &[ChannelView<'_>]) -> Vec<Marker> {
-    // Both eyes see a marker at one place only where it lies on the screen; elsewhere it is known
-    // how far apart they see it.
+    // Eyes are up to this far from the middle, from where nearer markers lie before other ones.
     let is_mono = seen.iter().all(|s| s.eye == Viewpoint::Fixed(wall.eye));
+    let aside_m = if is_mono { 0.0 } else { wall.eye_separation_m / 2.0 };
     let mut markers: Vec<(Marker, DVec3, f64)> = Vec::new();
     for (index, channel) in seen.iter().enumerate() {
         let size = wall.channels[usize::from(channel.id.0)].size.as_dvec2();
-        let inset = DVec2::splat(channel.half * 1.25);
+        let inset = DVec2::splat(channel.half * ROOM);
         for place in 0..9 {
             let share = DVec2::new(f64::from(place % 3), f64::from(place / 3)) / 2.0;
             let pixel = inset + (size - inset * 2.0) * share;
@@ -191,12 +224,10 @@ fn markers(wall: &Wall, seen: &[ChannelView<'_>]) -> Vec<Marker> {
                 }
                 Marker::at(of, channel.eye, pixel, channel.half, depth * needed)
             };
-            let Some(marker) = (0..PULLS).find_map(nearer) else { continue };
+            let Some(mut marker) = (0..PULLS).find_map(nearer) else { continue };
+            marker.of = channel.of;
             // From one point for all: that between the eyes.
-            let (toward, mut radius) = marker.cone(wall.eye);
-            if !is_mono && !marker.is_on_screen {
-                radius += wall.eye_separation_m / marker.distance_m(wall.eye);
-            }
+            let (toward, radius) = marker.cone(wall.eye, aside_m);
             let is_free = |(_, other, other_radius): &(_, DVec3, f64)| {
                 toward.distance(*other) > radius + other_radius
             };
@@ -219,18 +250,20 @@ fn find(
     let mut all = Vec::new();
     for (at, channel) in seen.iter().enumerate() {
         let picture = picture_of(capture, channel.name)?;
-        let light: LuminanceImage = light::of(drawn, wall, channel.id, picture)?;
+        let light: LuminanceImage = light::of(drawn, wall, (channel.id, channel.of), picture)?;
+        let size = light.size.as_dvec2();
         for (index, marker) in markers.iter().enumerate() {
-            let is_own = marker.channel == channel.id;
+            let is_of_channel = marker.channel == channel.id;
             let sight = marker::sight(&channel.map, channel.eye);
-            let middle = light.size.as_dvec2() / 2.0;
-            let from = if is_own { marker.pixel } else { middle };
+            let from = if is_of_channel { marker.pixel } else { size / 2.0 };
             let pixel = marker.seen_at(&sight, offset, (light.size, from));
+            // The other eye of its display must see it too, if its picture has room there.
+            let has_room = || pixel.is_some_and(|pixel| channel.has_room(pixel, size));
+            let is_due = is_of_channel && (marker.of == channel.of || has_room());
             // Another channel's marker counts where all of it is seen.
-            let inset = DVec2::splat(if is_own { 0.0 } else { channel.half * 1.5 });
-            let is_whole = |pixel: &DVec2| {
-                pixel.cmpge(inset).all() && pixel.cmple(light.size.as_dvec2() - inset).all()
-            };
+            let inset = DVec2::splat(if is_due { 0.0 } else { channel.half * 1.5 });
+            let is_whole =
+                |pixel: &DVec2| pixel.cmpge(inset).all() && pixel.cmple(size - inset).all();
             let reading = pixel.filter(is_whole).map_or(Reading::Missing, |pixel| {
                 let around = (pixel, channel.half);
                 marker.read(&sight, &light, offset, around)
@@ -239,8 +272,8 @@ fn find(
                 (Some(pixel), Reading::Off(error_px)) => {
                     all.push(MarkerError::new((at, index), &channel.map, pixel, error_px));
                 }
-                (_, Reading::Missing) if is_own => {
-                    all.push(MarkerError::nothing((at, index), marker.pixel));
+                (_, Reading::Missing) if is_due => {
+                    all.push(MarkerError::nothing((at, index), pixel.unwrap_or(marker.pixel)));
                 }
                 // Where its weight ends a channel says little, and another one shows the marker.
                 _ => {}
@@ -286,6 +319,7 @@ impl MarkerError {
         };
         MeasuredPoint {
             channel: channel.name.to_owned(),
+            eye: channel.of,
             screen: usize::from(wall.channels[usize::from(channel.id.0)].screen),
             pixel: self.pixel,
             canvas: channel.map.canvas_from_pixel(self.pixel).unwrap_or(DVec2::NAN),
@@ -343,8 +377,7 @@ fn report_deep(
     if deep.is_empty() {
         return;
     }
-    let errors =
-        deep.iter().map(|found| (found.error_px.length(), seen[found.channel].name.to_owned()));
+    let errors = deep.iter().map(|found| (found.error_px.length(), seen[found.channel].label()));
     let (error, place) = worst(errors);
     let most = Some(Bound::AtMost(wall.stereo.error_max_px + WARPED_ERROR_MAX_PX));
     let note = format!("{place}, against an eye of its own for each pixel");
@@ -369,7 +402,7 @@ fn report(
         }
         let errors = all()
             .filter(|found| seen[found.channel].is_warped == is_warped)
-            .map(|found| (found.error_px.length(), seen[found.channel].name.to_owned()));
+            .map(|found| (found.error_px.length(), seen[found.channel].label()));
         let (error, place) = worst(errors);
         let (kind, most) =
             if is_warped { ("warped ", WARPED_ERROR_MAX_PX) } else { ("", ERROR_MAX_PX) };
@@ -385,9 +418,11 @@ fn report(
         for (index, one) in frame.iter().enumerate() {
             let others = frame[index + 1..].iter().filter(|other| other.marker == one.marker);
             for other in others.filter(|other| !is_deep(other)) {
-                let apart = one.error_in_display.distance(other.error_in_display);
-                let names = [seen[one.channel].name, seen[other.channel].name].join(" and ");
-                seams.push((apart, names));
+                let (a, b) = (&seen[one.channel], &seen[other.channel]);
+                if a.meets(b) {
+                    let apart = one.error_in_display.distance(other.error_in_display);
+                    seams.push((apart, [a.label(), b.label()].join(" and ")));
+                }
             }
         }
     }
@@ -404,7 +439,7 @@ fn report(
             };
             let Some(before) = pair[0].iter().find(is_same) else { continue };
             let step = found.error_px.distance(before.error_px);
-            jitter.push((step, seen[found.channel].name.to_owned()));
+            jitter.push((step, seen[found.channel].label()));
         }
     }
     let (step, place) = worst(jitter.into_iter());
@@ -413,3 +448,6 @@ fn report(
     let note = format!("{place} ({} markers)", markers.len());
     table.add(format!("jitter{at}"), step, "px", Some(Bound::AtMost(most)), note);
 }
+
+#[cfg(test)]
+mod tests;

@@ -8,14 +8,13 @@ use glam::{DVec2, DVec3, UVec2};
 use polyptych_client::Image;
 use polyptych_wall::blend::{BlendMap, BlendModel, ChannelMasks};
 use polyptych_wall::calibration_maps::CalibrationMaps;
-use polyptych_wall::head::HeadPose;
 use polyptych_wall::light_composite::{LinearImage, StereoEye};
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 use polyptych_wall::view_atlas::ViewAtlas;
 use polyptych_wall::wall_geometry::ResolvedWall;
 use polyptych_wall::warp::Mask;
 use polyptych_wall::warp_mesh::{TessellationOptions, WarpMesh};
-use polyptych_wall::{ChannelCalibration, ChannelId, Eye, StereoPacking, Viewpoint, Wall};
+use polyptych_wall::{ChannelId, Eye, StereoPacking, Wall};
 
 use super::marker::LuminanceImage;
 use super::verification_report::{Bound, VerificationReport};
@@ -27,9 +26,9 @@ const DENSITY_MIN: f64 = 0.999;
 /// The neighbour, whose weight is the rest, tells more.
 const WEIGHT_MIN: f64 = 0.25;
 
-/// The eye for which a channel's picture, or the first one of its two, is drawn.
-pub(super) fn eye_of(adjustment: &ChannelCalibration) -> Eye {
-    if adjustment.packing == StereoPacking::None { adjustment.eye } else { Eye::Left }
+/// Returns the side from which an eye sees a wall; the middle of both sees what the left one does.
+pub(super) fn side_of(eye: Eye) -> StereoEye {
+    if eye == Eye::Right { StereoEye::Right } else { StereoEye::Left }
 }
 
 /// The correction of a channel's light.
@@ -62,25 +61,26 @@ pub(super) struct Drawn<'a> {
     pub corrections: &'a [Correction],
 }
 
-/// The light of a channel's picture on the wall as it stands, upright and before it was shared.
+/// The light of a channel's picture for one of its eyes on the wall as it stands, upright and
+/// before it was shared.
 ///
 /// # Errors
 /// A picture that is not of the display's size.
 pub(super) fn of(
     Drawn { wall, corrections }: Drawn<'_>,
     built: &Wall,
-    id: ChannelId,
+    (id, eye): (ChannelId, Eye),
     picture: &Image,
 ) -> anyhow::Result<LuminanceImage> {
     let channel = wall.channel(id).context("the wall has no such channel")?;
-    let side =
-        if channel.adjustment.eye == Eye::Right { StereoEye::Right } else { StereoEye::Left };
+    let side = side_of(eye);
     let shown = LinearImage::new(built, id, side, &picture.rgba);
     let shown = shown.with_context(|| format!("the picture of {} has no size", channel.name))?;
     let correction = corrections.get(usize::from(id.0));
     let Correction { white, map } = correction.context("a channel has no light")?;
     // Of an anaglyph's left eye only red is there.
-    let axis = usize::from(channel.adjustment.packing != StereoPacking::Anaglyph);
+    let is_red = channel.adjustment.packing == StereoPacking::Anaglyph && side == StereoEye::Left;
+    let axis = usize::from(!is_red);
     let size = channel.size;
     let mut grey = Vec::with_capacity(size.x as usize * size.y as usize);
     for y in 0..size.y {
@@ -103,7 +103,6 @@ pub(super) fn prove_sampling(
     table: &mut VerificationReport,
 ) -> anyhow::Result<()> {
     let wall = shaped.wall;
-    let head = HeadPose::facing_forward(wall.eye, wall.eye_separation_m);
     let mut densities: Vec<(f64, f64, &str)> = Vec::new();
     let mut stereo: Vec<(f64, String)> = Vec::new();
     for id in wall.channel_ids() {
@@ -114,11 +113,7 @@ pub(super) fn prove_sampling(
             continue;
         }
         let point = |pixel: DVec2| map.display_from_pixel(pixel);
-        let eyes: Vec<Viewpoint> = if wall.is_omnidirectional(channel) {
-            wall.viewpoints(channel)
-        } else {
-            vec![head.eye(eye_of(&channel.adjustment)).into()]
-        };
+        let eyes = wall.viewpoints(channel);
         let mesh =
             WarpMesh::new(channel.size, TessellationOptions::default(), point).refined_for(&eyes);
         if mesh.triangles.is_empty() {

@@ -9,7 +9,7 @@
 
 use glam::{DMat2, DVec2, DVec3, UVec2};
 use polyptych_wall::channel_mapping::ChannelMapping;
-use polyptych_wall::{ChannelId, Viewpoint};
+use polyptych_wall::{ChannelId, Eye, Viewpoint};
 use serde_json::{Value, json};
 
 /// Standard deviation of a marker's light, its half side being 1: at the edge of what is summed
@@ -44,6 +44,8 @@ const LIKE_MIN: f64 = 0.9;
 pub(crate) struct Marker {
     /// The channel that it was made for.
     pub channel: ChannelId,
+    /// The eye of that channel for which it was made.
+    pub of: Eye,
     /// The position of its middle in that channel's picture; (0, 0) if it was made for none.
     pub pixel: DVec2,
     /// `true` if it lies on the screen, where all eyes see it at one place.
@@ -95,6 +97,7 @@ impl Marker {
     pub fn new(center: DVec3, right: DVec3, up: DVec3) -> Self {
         Self {
             channel: ChannelId(u16::MAX),
+            of: Eye::Center,
             pixel: DVec2::ZERO,
             is_on_screen: false,
             center,
@@ -123,7 +126,7 @@ impl Marker {
         let (right, down) = (side(DVec2::X * half)?, side(DVec2::Y * half)?);
         let center = eye + (center - eye) * depth;
         let is_on_screen = depth == 1.0;
-        Some(Self { channel, pixel, is_on_screen, center, right, up: -down })
+        Some(Self { channel, of: Eye::Center, pixel, is_on_screen, center, right, up: -down })
     }
 
     /// Returns the offset of the marker from `around`, its expected position, in the picture of a
@@ -214,11 +217,11 @@ impl Marker {
     }
 
     /// The direction from an eye to its middle, and how far around that its corners reach, as a
-    /// length between unit vectors.
-    pub fn cone(&self, eye: DVec3) -> (DVec3, f64) {
+    /// length between unit vectors, for all eyes that are up to `aside_m` metres away from there.
+    pub fn cone(&self, eye: DVec3, aside_m: f64) -> (DVec3, f64) {
         let toward = (self.center - eye).normalize();
         let corner = (self.center + self.right + self.up - eye).normalize();
-        (toward, toward.distance(corner))
+        (toward, toward.distance(corner) + aside_m / self.center.distance(eye))
     }
 
     /// Returns the distance of its plane from an eye, in metres.
@@ -307,7 +310,8 @@ fn narrowness(place_from_pixel: DMat2) -> f64 {
     f64::midpoint(sum, (sum * sum - 4.0 * product * product).max(0.0).sqrt()).sqrt()
 }
 
-fn gauss(place: DVec2) -> f64 {
+/// Returns the light of a marker at a place of it.
+pub(super) fn gauss(place: DVec2) -> f64 {
     (-place.length_squared() / (2.0 * SIGMA * SIGMA)).exp() * PEAK
 }
 

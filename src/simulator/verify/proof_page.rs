@@ -7,7 +7,9 @@ use image::RgbaImage;
 use polyptych_client::{Capture, Quantiles};
 use polyptych_text::counted;
 use polyptych_wall::Wall;
+use polyptych_wall::light_composite::StereoEye;
 
+use super::light::side_of;
 use super::verification_report::{HEADINGS, MeasuredPoint, Measurement, VerificationReport};
 use crate::image_files;
 use crate::report_page::embedded_image::{EmbeddedImage, Mark};
@@ -24,10 +26,20 @@ const DIFFERENCES_MAX: usize = 8;
 /// The pictures of a proof.
 pub(crate) struct ProofPictures {
     wall: EmbeddedImage,
-    /// The left side of each screen in the wall's picture, by its index, in pixels.
-    lefts: Vec<f64>,
+    /// The pictures of screens in the wall's picture, from its left.
+    places: Vec<ScreenPlace>,
     /// The names of screens, each with the picture of its difference.
     differences: Vec<(String, EmbeddedImage)>,
+}
+
+/// The place of a screen's picture, as one eye sees it, in the picture of the wall.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct ScreenPlace {
+    /// The index of the screen.
+    screen: usize,
+    side: StereoEye,
+    /// Its left side, in pixels.
+    left: f64,
 }
 
 /// The contents of a page.
@@ -44,18 +56,32 @@ pub(crate) struct ProofPage<'a> {
 }
 
 impl ProofPictures {
-    /// Returns the picture of the wall in a capture.
+    /// Returns the picture of a wall in a capture of it.
     ///
     /// # Errors
     /// A picture without pixels.
-    pub(super) fn new(capture: &Capture) -> anyhow::Result<Self> {
+    pub(super) fn new(wall: &Wall, capture: &Capture) -> anyhow::Result<Self> {
         let whole = image_files::side_by_side(&capture.screens)?;
-        let mut lefts = vec![0.0];
-        for screen in &capture.screens {
-            lefts.push(lefts[lefts.len() - 1] + f64::from(screen.width));
+        // A capture has a picture for each eye that sees something else of a screen.
+        let sides = (0..wall.screens.len() as u16).flat_map(|screen| {
+            StereoEye::of(wall, screen).iter().map(move |side| (usize::from(screen), *side))
+        });
+        let mut left = 0.0;
+        let mut places = Vec::with_capacity(capture.screens.len());
+        for ((screen, side), picture) in sides.zip(&capture.screens) {
+            places.push(ScreenPlace { screen, side, left });
+            left += f64::from(picture.width);
         }
         let wall = EmbeddedImage::photograph(&whole)?;
-        Ok(Self { wall, lefts, differences: Vec::new() })
+        Ok(Self { wall, places, differences: Vec::new() })
+    }
+
+    /// Returns the place of a point in the picture of the wall, in pixels; NaN if it is not in it.
+    fn place_of(&self, point: &MeasuredPoint) -> DVec2 {
+        let (screen, side) = (point.screen, side_of(point.eye));
+        let is_shown = |of: &&ScreenPlace| of.screen == screen && of.side == side;
+        let left = self.places.iter().find(is_shown).map_or(f64::NAN, |of| of.left);
+        point.canvas + DVec2::X * left
     }
 
     /// Adds the difference of a screen from the picture of one channel.
@@ -121,9 +147,8 @@ impl ProofPage<'_> {
         body.push_str("<h2>The wall's picture</h2>\n");
         let worst = worst_points(&self.table.points);
         let mark = |(index, point): (usize, &&MeasuredPoint)| {
-            let left = self.pictures.lefts.get(point.screen).copied().unwrap_or(f64::NAN);
             let class = if point.error_px <= point.bound_px { "s0" } else { "s1" };
-            let (at, text) = (point.canvas + DVec2::X * left, (index + 1).to_string());
+            let (at, text) = (self.pictures.place_of(point), (index + 1).to_string());
             Mark { at, text, class }
         };
         let marks: Vec<Mark> = worst.iter().enumerate().map(mark).collect();
@@ -140,7 +165,7 @@ impl ProofPage<'_> {
                 if is_found { format!("{:.5}", point.error_px) } else { "not found".into() };
             let cells = [
                 (index + 1).to_string(),
-                point.channel.clone(),
+                point.label(),
                 format!("{:.1}, {:.1}", point.pixel.x, point.pixel.y),
                 error,
                 number(point.bound_px),
@@ -209,7 +234,8 @@ fn worst_points(points: &[MeasuredPoint]) -> Vec<&MeasuredPoint> {
     let mut worst: Vec<&MeasuredPoint> = Vec::new();
     for point in sorted {
         let is_same = |other: &&MeasuredPoint| {
-            other.channel == point.channel && other.pixel.distance(point.pixel) < 2.0
+            (&other.channel, other.eye) == (&point.channel, point.eye)
+                && other.pixel.distance(point.pixel) < 2.0
         };
         if !worst.iter().any(is_same) {
             worst.push(point);
@@ -226,14 +252,53 @@ mod tests {
     use super::super::verification_report::Bound;
     use super::*;
     use glam::UVec2;
+    use polyptych_client::{FrameId, Image};
     use polyptych_wall::surface::Plane;
-    use polyptych_wall::{Channel, Screen, Surface};
+    use polyptych_wall::{Channel, Eye, Screen, StereoPacking, Surface};
 
     fn point(channel: &str, x: f64, error_px: f64) -> MeasuredPoint {
         let pixel = DVec2::new(x, 8.0);
-        let (screen, canvas) = (0, pixel);
-        let channel = channel.to_owned();
-        MeasuredPoint { channel, screen, pixel, canvas, error_px, bound_px: 0.01, offset_m: 0.0 }
+        MeasuredPoint {
+            channel: channel.to_owned(),
+            eye: Eye::Center,
+            screen: 0,
+            pixel,
+            canvas: pixel,
+            error_px,
+            bound_px: 0.01,
+            offset_m: 0.0,
+        }
+    }
+
+    #[test]
+    fn marks_lie_on_the_picture_of_their_screen_and_eye() {
+        let plane = Plane::upright(glam::DVec3::NEG_Z, DVec2::ONE);
+        let size = UVec2::new(64, 32);
+        let screens = ["front", "side"].map(|name| Screen::new(name, Surface::Plane(plane), size));
+        let channels = [0, 1].map(|screen| Channel::tile("c", screen, UVec2::ZERO, size));
+        let mut wall = Wall::new("w", screens.to_vec(), channels.to_vec());
+        let picture = |name: &str| Image {
+            name: name.to_owned(),
+            width: 64,
+            height: 32,
+            rgba: vec![0; 4 * 64 * 32],
+        };
+        let place = |wall: &Wall, names: &[&str], (screen, eye): (usize, Eye)| {
+            let screens = names.iter().map(|name| picture(name)).collect();
+            let (channels, missing) = (Vec::new(), Vec::new());
+            let capture = Capture { frame: FrameId(1), screens, channels, missing };
+            let pictures = ProofPictures::new(wall, &capture).expect("pictures");
+            pictures.place_of(&MeasuredPoint { screen, eye, ..point("c", 10.0, 0.0) })
+        };
+        let mono = ["front", "side"];
+        assert_eq!(place(&wall, &mono, (0, Eye::Center)), DVec2::new(10.0, 8.0));
+        assert_eq!(place(&wall, &mono, (1, Eye::Center)), DVec2::new(74.0, 8.0));
+        // The right eye's picture of the first screen lies between both screens.
+        wall.channels[0].adjustment.packing = StereoPacking::SideBySide;
+        let stereo = ["front", "front-right", "side"];
+        assert_eq!(place(&wall, &stereo, (0, Eye::Left)), DVec2::new(10.0, 8.0));
+        assert_eq!(place(&wall, &stereo, (0, Eye::Right)), DVec2::new(74.0, 8.0));
+        assert_eq!(place(&wall, &stereo, (1, Eye::Center)), DVec2::new(138.0, 8.0));
     }
 
     #[test]
@@ -254,8 +319,8 @@ mod tests {
         let worst: Vec<f64> = worst_points(&table.points).iter().map(|p| p.pixel.x).collect();
         assert_eq!(worst, [40.0, 20.0, 10.0]);
         let picture = EmbeddedImage::photograph(&RgbaImage::new(64, 32)).expect("a picture");
-        let pictures =
-            ProofPictures { wall: picture, lefts: vec![0.0, 64.0], differences: Vec::new() };
+        let places = vec![ScreenPlace { screen: 0, side: StereoEye::Left, left: 0.0 }];
+        let pictures = ProofPictures { wall: picture, places, differences: Vec::new() };
         let (scene, drawing) = ("town.glb".to_owned(), "<svg/>".to_owned());
         let page =
             ProofPage { wall: &wall, scene, as_built: None, table: &table, pictures, drawing };

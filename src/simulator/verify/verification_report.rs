@@ -3,6 +3,7 @@
 use std::fmt;
 
 use glam::DVec2;
+use polyptych_wall::Eye;
 use serde::Serialize;
 
 /// All rows, as text for people and as JSON.
@@ -20,6 +21,8 @@ pub(crate) struct VerificationReport {
 pub(crate) struct MeasuredPoint {
     /// The channel's name.
     pub channel: String,
+    /// The eye that sees it there.
+    pub eye: Eye,
     /// The index of its screen.
     pub screen: usize,
     /// The place at which it must be, in pixels of the channel's picture.
@@ -32,6 +35,22 @@ pub(crate) struct MeasuredPoint {
     pub bound_px: f64,
     /// The distance of the scene from the origin, in metres.
     pub offset_m: f64,
+}
+
+impl MeasuredPoint {
+    /// Returns the channel's name, with the eye where it is not for the middle of both.
+    pub fn label(&self) -> String {
+        with_eye(&self.channel, self.eye)
+    }
+}
+
+/// Returns a channel's name with the eye that sees it, if that is not the middle of both.
+pub(crate) fn with_eye(channel: &str, eye: Eye) -> String {
+    match eye {
+        Eye::Center => channel.to_owned(),
+        Eye::Left => format!("{channel}, left eye"),
+        Eye::Right => format!("{channel}, right eye"),
+    }
 }
 
 /// One measure.

@@ -105,7 +105,8 @@ pub(super) fn prove(
     keep(&capture)?;
     let mut errors = Vec::new();
     for channel in &seen {
-        let light = light::of(drawn, wall, channel.id, picture_of(&capture, channel.name)?)?;
+        let picture = picture_of(&capture, channel.name)?;
+        let light = light::of(drawn, wall, (channel.id, channel.of), picture)?;
         let screen = wall.channels[usize::from(channel.id.0)].screen;
         for laid in laid.iter().filter(|laid| laid.screen == screen) {
             errors.extend(laid.errors(channel, &light));
@@ -188,7 +189,7 @@ impl Laid {
                 Reading::Unclear => continue,
                 Reading::Missing => f64::NAN,
             };
-            errors.push((error, channel.name.to_owned()));
+            errors.push((error, channel.label()));
         }
         errors
     }
