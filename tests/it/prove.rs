@@ -1,5 +1,8 @@
 //! `polyptych prove`, on real servers: of walls that are right, and of others that are not.
 
+use std::f64::consts::TAU;
+use std::fmt::Write;
+
 use serde_json::Value;
 
 use crate::harness::maps::{Png, png};
@@ -176,4 +179,115 @@ fn an_eye_close_to_its_screen_is_proved_too() {
     let wall = small("").replace("center = [0.0, 0.0, -1.5]", "center = [0.0, 0.0, -0.005]");
     let proof = Proof::of(&place, &wall, None, &scene);
     assert!(proof.code == 0 && proof.missed().is_empty(), "{:?}", proof.rows);
+}
+
+/// Both channels of the small wall with the pictures of two eyes, and more keys of each.
+fn stereo([first, second]: [&str; 2]) -> String {
+    format!("{}[channel.front-2-1]\n{second}\n", small(first))
+}
+
+#[test]
+fn displays_for_two_eyes_are_proved_for_both() {
+    let place = TestDir::new();
+    let scene = place.write("triangle.glb", Gltf::triangle().glb()).display().to_string();
+    let beside = stereo([
+        "stereo = \"side-by-side\"\nturn = \"left\"",
+        "stereo = \"top-bottom\"\nmirror = true",
+    ]);
+    let red_and_cyan = stereo(["stereo = \"anaglyph\""; 2]);
+    for wall in [&beside, &red_and_cyan] {
+        let proof = Proof::of(&place, wall, None, &scene);
+        assert!(proof.code == 0 && proof.missed().is_empty(), "{:?}", proof.rows);
+    }
+    // A viewer with eyes further apart would see what lies behind the screen elsewhere.
+    let built = beside.replace("name = \"pair\"", "name = \"pair\"\neye_separation = 0.2");
+    let proof = Proof::of(&place, &beside, Some(&built), &scene);
+    assert!(proof.code == 1 && proof.missed().contains(&"points"), "{:?}", proof.rows);
+    let row = proof.row("points");
+    let note = row["note"].as_str().expect("a note");
+    assert!(note.contains("left eye") || note.contains("right eye"), "{row}");
+}
+
+/// A dome of 160° as points on a disc, in the middle of a canvas of which the corners lie nowhere,
+/// turned to the left by some degrees.
+fn dome(degrees: f64) -> String {
+    const RINGS: u32 = 12;
+    const AROUND: u32 = 48;
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    let mut text = String::new();
+    let mut add = |share: f64, around: f64| {
+        let ((up, right), (out, ahead)) =
+            ((around * TAU).sin_cos(), (share * 80.0).to_radians().sin_cos());
+        let [x, y, z] = [out * right, out * up, -ahead].map(|length| length * 2.0);
+        let [u, v] = [right, up].map(|side| 0.5 + 0.5 * share * side);
+        let [x, z] = [x * cos + z * sin, z * cos - x * sin];
+        let _ = write!(text, "v {x} {y} {z}\nvt {u} {v}\n");
+    };
+    add(0.0, 0.0);
+    for (ring, at) in (1..=RINGS).flat_map(|ring| (0..AROUND).map(move |at| (ring, at))) {
+        add(f64::from(ring) / f64::from(RINGS), f64::from(at) / f64::from(AROUND));
+    }
+    let corner = |ring: u32, at: u32| 2 + (ring - 1) * AROUND + at % AROUND;
+    for at in 0..AROUND {
+        let mut faces = vec![vec![1, corner(1, at), corner(1, at + 1)]];
+        for ring in 1..RINGS {
+            let [a, b] = [at, at + 1].map(|at| [corner(ring, at), corner(ring + 1, at)]);
+            faces.push(vec![a[0], a[1], b[1], b[0]]);
+        }
+        for face in faces {
+            let words: Vec<String> = face.iter().map(|at| format!("{at}/{at}")).collect();
+            let _ = writeln!(text, "f {}", words.join(" "));
+        }
+    }
+    text
+}
+
+#[test]
+fn a_dome_of_points_is_proved_where_it_is() {
+    const DOME: &str = "[wall]\nname = \"planetarium\"\n[[screen]]\nname = \"dome\"\n\
+                        mesh = \"dome.obj\"\n[screen.tiles]\npixels = [192, 192]\n";
+    let place = TestDir::new();
+    let scene = place.write("triangle.glb", Gltf::triangle().glb()).display().to_string();
+    place.write("dome.obj", dome(0.0));
+    place.write("turned.obj", dome(1.0));
+    // The corners of its channel are dark, as no light of them would fall on anything.
+    let proof = Proof::of(&place, DOME, None, &scene);
+    assert!(proof.code == 0 && proof.missed().is_empty(), "{:?}", proof.rows);
+    for what in ["warped points", "superposed codes"] {
+        assert!(proof.row(what)["measured"].is_f64(), "{:?}", proof.row(what));
+    }
+    let turned = DOME.replace("dome.obj", "turned.obj");
+    let proof = Proof::of(&place, DOME, Some(&turned), &scene);
+    assert!(proof.missed().contains(&"warped points"), "{:?}", proof.rows);
+}
+
+#[test]
+fn a_wall_of_sixty_four_screens_is_proved() {
+    let place = TestDir::new();
+    let scene = place.write("triangle.glb", Gltf::triangle().glb()).display().to_string();
+    let file = place.path("arch.toml").display().to_string();
+    let options = ["--channels", "64", "--degrees", "320", "--pixels", "160x120", "-o", &file];
+    place.run(["wall", "arch"].into_iter().chain(options)).succeeded();
+    let text = std::fs::read_to_string(&file).expect("a wall file");
+    let screens: Vec<&str> = text.split("tiles.pixels = [160, 120]\n").collect();
+    assert_eq!(screens.len(), 65, "{text}");
+    // One process drives all of them, and all but both ends have too few pixels for markers.
+    // Channels of 10 bits are compared with no channel of their own: that would be 64 walls more.
+    let mut wall = String::new();
+    for (index, text) in (1..).zip(&screens[..64]) {
+        let pixels = if index == 1 || index == 64 { "[160, 120]" } else { "[16, 12]" };
+        let _ = write!(wall, "{text}tiles.pixels = {pixels}\ntiles.servers = [\"all\"]\n");
+    }
+    wall.push_str(screens[64]);
+    for screen in 1..=64 {
+        let _ = write!(wall, "[channel.arch-{screen}]\nbits = 10\n");
+    }
+    let proof = Proof::of(&place, &wall, None, &scene);
+    assert!(proof.code == 0 && proof.missed().is_empty(), "{:?}", proof.rows);
+    assert_eq!(proof.row("channels without markers")["measured"], 62.0);
+    for what in ["points", "points in views of their own", "superposed codes"] {
+        assert!(proof.row(what)["measured"].is_f64(), "{:?}", proof.row(what));
+    }
+    let page = std::fs::read_to_string(place.path("proof.html")).expect("a page");
+    assert!(page.contains("64 channels on 64 screens") && page.contains("arch-64"));
 }
