@@ -114,10 +114,13 @@ fn play(arguments: &PlayArguments) -> anyhow::Result<ExitCode> {
 fn line(at: usize, of: &ClipStatus) -> String {
     let ClipStatus { clip, is_running, is_looping, time_s, speed, weight } = of;
     let name = if clip.name.is_empty() { "without a name" } else { &clip.name };
+    let end_s = if *speed < 0.0 { 0.0 } else { clip.duration_s };
+    let is_over = !is_looping && *speed != 0.0 && *time_s == end_s;
     let state = match (*weight > 0.0, is_running) {
         (false, _) => "not played".to_owned(),
-        (true, false) => format!("held at {time_s:.2} s"),
+        (true, true) if is_over => format!("over at {time_s:.2} s"),
         (true, true) => format!("playing at {time_s:.2} s"),
+        (true, false) => format!("held at {time_s:.2} s"),
     };
     let is_part = *weight > 0.0 && *weight < 1.0;
     let weight = if is_part { format!(", weight {weight}") } else { String::new() };
@@ -125,4 +128,26 @@ fn line(at: usize, of: &ClipStatus) -> String {
     let speed = if is_plain { String::new() } else { format!(", speed {speed}") };
     let once = if *is_looping { "" } else { ", once" };
     format!("{at} {name}: {:.2} s, {state}{weight}{speed}{once}", clip.duration_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use polyptych_client::ClipSummary;
+
+    use super::*;
+
+    #[test]
+    fn a_clip_that_is_played_once_is_over_at_its_end() {
+        let clip = ClipSummary { name: "bow".to_owned(), duration_s: 2.0, is_played: true };
+        let (is_running, weight) = (true, 1.0);
+        let at = |time_s: f64, speed: f64, is_looping: bool| {
+            let clip = clip.clone();
+            line(0, &ClipStatus { clip, is_running, is_looping, time_s, speed, weight })
+        };
+        assert_eq!(at(0.5, 1.0, false), "0 bow: 2.00 s, playing at 0.50 s, once");
+        assert_eq!(at(2.0, 1.0, false), "0 bow: 2.00 s, over at 2.00 s, once");
+        assert_eq!(at(2.0, 1.0, true), "0 bow: 2.00 s, playing at 2.00 s");
+        assert_eq!(at(2.0, -1.0, false), "0 bow: 2.00 s, playing at 2.00 s, speed -1, once");
+        assert_eq!(at(0.0, -1.0, false), "0 bow: 2.00 s, over at 0.00 s, speed -1, once");
+    }
 }

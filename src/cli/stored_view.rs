@@ -1,6 +1,7 @@
 //! `polyptych view save`, `go`, `remove` and `list`: places of the camera that the manager keeps.
 
 use std::process::ExitCode;
+use std::sync::mpsc;
 use std::time::Duration;
 
 use anyhow::anyhow;
@@ -11,7 +12,10 @@ use polyptych_text::printable;
 use serde_json::{Value, json};
 
 use super::seen::show;
+use super::shutdown_signal::watch_shutdown_signals;
 use super::{ManagerAddress, say, seconds};
+use crate::logging;
+use crate::simulator::local_wall::INTERRUPTED;
 
 /// Pace of a wall that was paused while the camera moves by itself, in frames per second.
 pub(super) const TOUR_PACE: Pacing = Pacing::Rate(60.0);
@@ -31,7 +35,7 @@ pub(super) struct NameArguments {
 pub(super) struct GoArguments {
     /// What it is called
     name: String,
-    /// Go there in this time, and not at once
+    /// Go there in this time, and not at once; Ctrl-C stops on the way
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     over: Option<Duration>,
     #[command(flatten)]
@@ -56,7 +60,11 @@ pub(super) fn go(arguments: &GoArguments) -> anyhow::Result<ExitCode> {
     let camera = find(&client.stored_views()?, &arguments.name)?;
     match arguments.over {
         None => client.set_camera(camera)?,
-        Some(time) => travel(&client, camera, time)?,
+        Some(time) if travel(&client, camera, time)? => {}
+        Some(_) => {
+            logging::say_warning("interrupted: the camera stays on the way");
+            return Ok(ExitCode::from(INTERRUPTED));
+        }
     }
     show(&client)
 }
@@ -78,8 +86,9 @@ pub(super) fn find(views: &[StoredView], name: &str) -> anyhow::Result<Camera> {
 }
 
 /// Moves the camera there, and waits until it is, or something else moves it. A wall that was
-/// paused runs meanwhile.
-fn travel(client: &Client, camera: Camera, time: Duration) -> anyhow::Result<()> {
+/// paused runs meanwhile. Returns `false` if Ctrl-C has stopped the camera on the way.
+fn travel(client: &Client, camera: Camera, time: Duration) -> anyhow::Result<bool> {
+    let asked = stop_requests()?;
     let tour = Tour { stops: vec![TourStop::new(camera, time.as_secs_f64())], is_loop: false };
     client.play_tour(tour)?;
     let played = client.tour()?;
@@ -87,18 +96,39 @@ fn travel(client: &Client, camera: Camera, time: Duration) -> anyhow::Result<()>
     if is_paused {
         client.start_rendering(TOUR_PACE)?;
     }
+    let mut is_stopped = false;
     // As the manager has it: its rotation may differ in the last bit.
     while played.tour.is_some() {
         let now = client.tour()?;
         if now.tour != played.tour || now.pace.is_none() {
             break;
         }
-        std::thread::sleep(LOOK_PERIOD);
+        if asked.recv_timeout(LOOK_PERIOD).is_ok() {
+            client.stop_tour()?;
+            is_stopped = true;
+            break;
+        }
     }
     if is_paused {
         client.pause()?;
     }
-    Ok(())
+    Ok(!is_stopped)
+}
+
+/// Returns where the first Ctrl-C or SIGTERM arrives; the second ends this process at once, as a
+/// manager that is away may be waited for.
+fn stop_requests() -> std::io::Result<mpsc::Receiver<()>> {
+    let (ask, asked) = mpsc::sync_channel(1);
+    let mut is_asked = false;
+    watch_shutdown_signals(false, move || {
+        if is_asked {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+        is_asked = true;
+        // Nobody waits for it where the camera is there already.
+        let _ = ask.try_send(());
+    })?;
+    Ok(asked)
 }
 
 /// A line for `view list`.

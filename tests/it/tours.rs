@@ -71,6 +71,33 @@ fn views_are_saved_listed_gone_to_and_removed() {
 }
 
 #[test]
+fn a_camera_on_its_way_stops_where_the_command_is_interrupted() {
+    let local = wall();
+    local.run(&["camera", "look-at", "0,0,9", "0,0,0"]).succeeded();
+    local.run(&["view", "save", "far"]).succeeded();
+    local.run(&["camera", "look-at", "0,0,3", "0,0,0"]).succeeded();
+    let client = local.client();
+    let z = || client.presentation().expect("a presentation").camera.position.z;
+    let go = ["view", "go", "far", "--over", "600", "--manager", &local.address];
+    for pace in [None, Some(Pacing::Rate(20.0))] {
+        if let Some(pace) = pace {
+            client.start_rendering(pace).expect("running");
+        }
+        let begin = z();
+        let mut going = local.place.start("view", go);
+        wait::until("the camera moves", || (z() > begin).then_some(()));
+        going.signal(Signal::INT);
+        let ended = going.finish(wait::LIMIT);
+        assert_eq!(ended.code(), 130, "{}", ended.output);
+        assert!(ended.output.contains("the camera stays on the way"), "{}", ended.output);
+        // It stays there, and the wall is paused if it was before.
+        let tour = client.tour().expect("how it stands");
+        assert_eq!((tour.tour, tour.pace), (None, pace));
+        assert!(z() > begin && z() < 9.0, "{}", z());
+    }
+}
+
+#[test]
 fn a_film_of_a_tour_is_the_same_again_whatever_happens_to_a_server() {
     let mut local = wall();
     local.run(&["camera", "look-at", "0,0,3", "0,0,0"]).succeeded();
