@@ -3,6 +3,7 @@
 mod address;
 mod animation;
 mod bake;
+mod bake_arguments;
 mod bench;
 mod bound;
 mod calibrate;

@@ -39,6 +39,8 @@ pub struct Baker {
     pub program: PathBuf,
     /// Address space that it may use, in MiB.
     pub memory_mib: u64,
+    /// The way to allow it more, as an instruction for errors of bakes that ran out of it.
+    pub memory_remedy: &'static str,
     /// The folder that it writes to.
     pub store: PathBuf,
 }
@@ -229,10 +231,9 @@ async fn bake(
     let status = status.map_err(cannot)?;
     if std::os::unix::process::ExitStatusExt::signal(&status).is_some() {
         // An allocation that fails aborts: the limit did its work.
-        let (file, mib) = (file.display(), baker.memory_mib);
+        let (file, mib, remedy) = (file.display(), baker.memory_mib, baker.memory_remedy);
         return Err(format!(
-            "{file}: the baker ended ({status}); it may use {mib} MiB of memory: start the manager \
-             with --bake-memory-mib N to allow more"
+            "{file}: the baker ended ({status}); it may use {mib} MiB of memory: {remedy}"
         ));
     }
     if !status.success() {

@@ -78,7 +78,7 @@ pub(super) struct Arguments {
     #[arg(long, hide = true)]
     with_parent: bool,
     /// End rather than use more address space than this
-    #[arg(long, value_name = "MIB")]
+    #[arg(long, value_name = "MIB", visible_alias = "bake-memory-mib")]
     memory_mib: Option<u64>,
 }
 

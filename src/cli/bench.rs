@@ -10,7 +10,8 @@ use polyptych_client::ERROR_PX_MAX;
 use polyptych_text::counted;
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 
-use super::{bound, manager, one_line, say, simulate};
+use super::bake_arguments::BakeArguments;
+use super::{bound, one_line, say, simulate};
 use crate::simulator::benchmark::{
     Benchmark, BenchmarkOptions, COLUMNS_MAX, PeerKit, RunInfo, SceneReport, grid_of, page,
 };
@@ -72,6 +73,8 @@ struct ReportArguments {
     /// Time other renderers too, by the program time.sh of this folder
     #[arg(long, value_name = "DIR")]
     peers: Option<PathBuf>,
+    #[command(flatten)]
+    bake: BakeArguments,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -91,7 +94,7 @@ fn report(arguments: &ReportArguments) -> anyhow::Result<ExitCode> {
     let generated = [None];
     let named: Vec<Option<&Path>> = arguments.scenes.iter().map(|s| Some(s.as_path())).collect();
     let scenes = if named.is_empty() { &generated[..] } else { &named };
-    let baker = manager::default_baker()?;
+    let baker = arguments.bake.baker()?;
     let mut benchmark = Benchmark::new(&options, &run, baker, kit, scenes.len());
     let mut reports: Vec<SceneReport> = Vec::new();
     let mut ended = None;

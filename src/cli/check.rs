@@ -6,7 +6,8 @@ use std::process::ExitCode;
 use polyptych_wall::wall_geometry::ResolvedWall;
 use polyptych_wall_file::check_report::CheckReport;
 
-use super::{WallFiles, bake_files, manager, say};
+use super::bake_arguments::BakeArguments;
+use super::{WallFiles, bake_files, say};
 use crate::{outputs, wall_drawing};
 
 #[derive(Debug, clap::Args)]
@@ -19,6 +20,8 @@ pub(super) struct Arguments {
     /// Draw the wall too, to scale: plan, side view and unrolled canvases, as one SVG file
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
+    #[command(flatten)]
+    bake: BakeArguments,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -30,7 +33,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             let files = if wall.files.is_empty() {
                 WallFiles::default()
             } else {
-                let baker = manager::default_baker();
+                let baker = arguments.bake.baker();
                 let baked = baker.and_then(|of| bake_files(&mut wall, &arguments.wall, &of));
                 match baked {
                     Err(error) if arguments.json => return refuse_in_json(arguments, &error),

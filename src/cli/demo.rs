@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
+use super::bake_arguments::BakeArguments;
 use super::surroundings::LookArguments;
 use super::{http, say, seconds, server, simulate};
 use crate::simulator::town::TownExtras;
@@ -40,6 +41,8 @@ pub(super) struct Arguments {
     /// pixels along each side: .png or .jpg
     #[arg(long, value_name = "FILE", conflicts_with_all = ["windows", "seconds"])]
     picture: Option<PathBuf>,
+    #[command(flatten)]
+    bake: BakeArguments,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -68,6 +71,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         walk: Vec::new(),
         no_occlusion: false,
         windows,
+        bake: arguments.bake,
         record: None,
         look: LookArguments { environment: Some("sky".into()), ..LookArguments::default() },
         error_bound: 0.0,

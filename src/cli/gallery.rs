@@ -6,9 +6,10 @@ use std::process::ExitCode;
 use anyhow::bail;
 use polyptych_text::{counted, printable};
 
+use super::bake_arguments::BakeArguments;
 use super::progress::ProgressReport;
+use super::say;
 use super::simulate::scene_time;
-use super::{manager, say};
 use crate::simulator::ending::Ending;
 use crate::simulator::gallery::{Gallery, ModelReport, Sheet, find_models};
 use crate::simulator::local_wall::INTERRUPTED;
@@ -35,6 +36,8 @@ pub(super) struct Arguments {
     /// Print JSON: for each model what it needs, what of it is not drawn, and its times
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    bake: BakeArguments,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -46,7 +49,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     outputs::check(&arguments.output)?;
     let files = find_models(&arguments.models)?;
     let mut sheet = Sheet::new(files.len(), arguments.size, arguments.columns)?;
-    let baker = manager::default_baker()?;
+    let baker = arguments.bake.baker()?;
     let mut gallery = Gallery::new(roots(&files), arguments.size, arguments.time, baker)?;
     let mut models: Vec<ModelReport> = Vec::new();
     let mut ended = None;

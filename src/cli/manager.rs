@@ -12,9 +12,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use anyhow::{Context, bail};
-use polyptych_baker::BakeCache;
 use polyptych_manager::http::HttpOptions;
-use polyptych_manager::import::Baker;
 use polyptych_manager::lease::LEASE_TIME_DEFAULT;
 use polyptych_manager::recorder::Recorder;
 use polyptych_manager::{ManagerOptions, run as run_manager};
@@ -24,13 +22,18 @@ use polyptych_protocol::token;
 use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 use polyptych_wall::Wall;
 
+use super::bake_arguments::BakeArguments;
 use super::shutdown_signal::shutdown_signal;
 use super::{bake_files, cache_folder, http, load_wall, log_file_warnings, say};
 use crate::logging;
 use crate::state_lock::StateLock;
 
-/// Address space of one bake, in MiB: enough for scenes of several gigabytes, not for a bomb.
-pub(super) const BAKE_MEMORY_MIB_DEFAULT: u64 = 8192;
+/// The way to more memory for bakes of a manager, for whoever opens a scene.
+const MEMORY_REMEDY: &str = "start the manager with --bake-memory-mib N to allow more";
+
+/// The same for a manager that `polyptych up` has started.
+const MEMORY_REMEDY_OF_UP: &str = "write manager_arguments = [\"--bake-memory-mib\", \"N\"] under \
+                                   [launch] of the wall file to allow more";
 
 /// Time between two looks at keys that are not valid yet.
 const CLOCK_PERIOD: Duration = Duration::from_secs(1);
@@ -70,9 +73,8 @@ pub(super) struct Arguments {
     /// Record what the manager is told, to be replayed: a ring of 128 MiB at most
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Memory that one bake may use
-    #[arg(long, value_name = "MIB", default_value_t = BAKE_MEMORY_MIB_DEFAULT)]
-    bake_memory_mib: u64,
+    #[command(flatten)]
+    bake: BakeArguments,
     /// Offer metrics for Prometheus at http://ADDR/metrics
     #[arg(long, value_name = "ADDR")]
     metrics: Option<String>,
@@ -131,7 +133,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         Some(store) => store.clone(),
         None => cache_folder()?.join("store"),
     };
-    let baker = baker(store, arguments.bake_memory_mib)?;
+    let remedy = if arguments.with_parent { MEMORY_REMEDY_OF_UP } else { MEMORY_REMEDY };
+    let baker = arguments.bake.baker_in(store, remedy)?;
     log_file_warnings(&bake_files(&mut wall, &arguments.wall, &baker)?);
     let memory = state_file(&arguments, &token, &wall.name, address.port())?;
     let lock = if arguments.standby { StateLock::share } else { StateLock::take };
@@ -364,21 +367,6 @@ fn scene_roots(wall: &Wall, asked: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
 fn file_name(wall: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() || "-_".contains(c) { c } else { '_' };
     wall.chars().map(plain).collect()
-}
-
-/// The baker is this program.
-pub(super) fn baker(store: PathBuf, memory_mib: u64) -> anyhow::Result<Baker> {
-    let program = std::env::current_exe().context("this program's own file is not known")?;
-    // A store that can't be opened is told to who opens a scene.
-    if let Ok(store) = BakeCache::open(&store) {
-        store.remove_abandoned();
-    }
-    Ok(Baker { program, memory_mib, store })
-}
-
-/// The baker of commands that ask for no store or memory of their own.
-pub(super) fn default_baker() -> anyhow::Result<Baker> {
-    baker(cache_folder()?.join("store"), BAKE_MEMORY_MIB_DEFAULT)
 }
 
 /// The token in this file, which is made where it is not there.

@@ -14,13 +14,13 @@ use polyptych_manager::recorder::Recorder;
 use polyptych_text::counted;
 use polyptych_wall::Wall;
 
+use super::bake_arguments::BakeArguments;
 use super::progress::ProgressReport;
 use super::remote::{open_scene, point, say_notes};
 use super::seen::Seen;
 use super::surroundings::LookArguments;
 use super::{
-    bake_files, bound, cache_folder, http, load_wall, log_file_warnings, login, manager, rate, say,
-    seconds,
+    bake_files, bound, cache_folder, http, load_wall, log_file_warnings, login, rate, say, seconds,
 };
 use crate::simulator::ending::Ending;
 use crate::simulator::faults::{self, Fault, FaultHooks, Faults};
@@ -104,6 +104,8 @@ pub(super) struct Arguments {
     /// Draw what others hide, too: for measurements. The pictures are the same
     #[arg(long)]
     pub no_occlusion: bool,
+    #[command(flatten)]
+    pub bake: BakeArguments,
     /// Record what the manager is told, to be replayed
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
@@ -148,7 +150,7 @@ pub(super) fn scene_time(text: &str) -> Result<f64, String> {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let mut wall = load_wall(&arguments.wall)?;
-    log_file_warnings(&bake_files(&mut wall, &arguments.wall, &manager::default_baker()?)?);
+    log_file_warnings(&bake_files(&mut wall, &arguments.wall, &arguments.bake.baker()?)?);
     simulate(&wall, arguments)
 }
 
@@ -177,7 +179,7 @@ pub(super) fn simulate(wall: &Wall, arguments: &Arguments) -> anyhow::Result<Exi
     let mut scene_roots = vec![folder(&shown.file)];
     let look = arguments.look.look()?;
     scene_roots.extend(look.folder());
-    let baker = manager::default_baker()?;
+    let baker = arguments.bake.baker()?;
     let count = wall.channels.len();
     let (channels, screens) = (counted(count, "channel"), counted(wall.screens.len(), "screen"));
     say(format_args!("wall {}: {channels} on {screens}", wall.name))?;

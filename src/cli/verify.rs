@@ -7,8 +7,9 @@ use anyhow::bail;
 use polyptych_wall::wall_geometry::ResolvedWall;
 use polyptych_wall_file::check_report::CheckReport;
 
+use super::bake_arguments::BakeArguments;
 use super::surroundings::LookArguments;
-use super::{bake_files, load_wall, log_file_warnings, manager, say, simulate};
+use super::{bake_files, load_wall, log_file_warnings, say, simulate};
 use crate::simulator::local_wall::{INTERRUPTED, is_interrupted};
 use crate::simulator::look::Brightness;
 use crate::simulator::verify::{self, ProofPage, Walls};
@@ -34,6 +35,8 @@ pub(super) struct Arguments {
     /// Write all of it as one page too, with pictures and plots: an HTML file
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
+    #[command(flatten)]
+    bake: BakeArguments,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
@@ -45,7 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     let look = arguments.look.look()?;
     let mut wall = load_wall(&arguments.wall)?;
-    let baker = manager::default_baker()?;
+    let baker = arguments.bake.baker()?;
     let files = bake_files(&mut wall, &arguments.wall, &baker)?;
     log_file_warnings(&files);
     let mut built = arguments.as_built.as_deref().map(load_wall).transpose()?;

@@ -112,7 +112,7 @@ fn measure_ours(
             token,
             keys,
             scene_roots: Vec::new(),
-            baker: Baker { program: "true".into(), memory_mib: 1, store: std::env::temp_dir() },
+            baker: no_baker(),
             memory: None,
             leadership: None,
             is_navigable: false,
@@ -159,6 +159,12 @@ fn measure_ours(
     // Its error, if any, has shown in the client's calls.
     let _ = manager.join();
     Ok((joined, measured, sizes))
+}
+
+/// The baker of a manager that opens no scene.
+fn no_baker() -> Baker {
+    let (program, store) = ("true".into(), std::env::temp_dir());
+    Baker { program, memory_mib: 1, memory_remedy: "open no scene", store }
 }
 
 fn wall(channels: u16) -> Wall {

@@ -25,6 +25,7 @@ pub(super) fn start_manager(wall: Wall, place: &TestDir) -> (String, Arc<Notify>
     let baker = Baker {
         program: PathBuf::from(env!("CARGO_BIN_EXE_polyptych")),
         memory_mib: 4096,
+        memory_remedy: "",
         store: place.path("store"),
     };
     let roots = vec![scenes::town().parent().expect("a folder").to_owned()];

@@ -45,7 +45,7 @@ fn wall_with_files(place: &TestDir) -> Wall {
 
 fn baker(place: &TestDir) -> Baker {
     let program = PathBuf::from(env!("CARGO_BIN_EXE_polyptych"));
-    Baker { program, memory_mib: 4096, store: place.path("store") }
+    Baker { program, memory_mib: 4096, memory_remedy: "", store: place.path("store") }
 }
 
 #[test]

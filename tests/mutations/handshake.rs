@@ -46,7 +46,8 @@ fn start_manager() -> (SocketAddr, Arc<Notify>, JoinHandle<()>) {
     let address = listener.local_addr().expect("an address");
     let folder = tempfile::tempdir().expect("a folder");
     let program = PathBuf::from(env!("CARGO_BIN_EXE_polyptych"));
-    let baker = Baker { program, memory_mib: 64, store: folder.path().to_owned() };
+    let store = folder.path().to_owned();
+    let baker = Baker { program, memory_mib: 64, memory_remedy: "", store };
     let (wall, token) = (messages::wall(), messages::TOKEN.to_owned());
     let (scene_roots, memory, recorder) = (Vec::new(), None, None);
     let (keys, metrics) = (None, None);

@@ -32,7 +32,8 @@ use polyptych_baker::map::mpcdi::{
 use polyptych_text::counted;
 use tree::{CONFIG_BYTES_MAX, Tree};
 
-use super::super::{bake, manager, say};
+use super::super::bake_arguments::BAKE_MEMORY_MIB_DEFAULT;
+use super::super::{bake, say};
 use super::made::{Made, check_text, plain_name};
 use crate::outputs;
 
@@ -88,7 +89,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let is_new = fs::symlink_metadata(folder).is_err();
     outputs::make_folder(folder)?;
     outputs::check_source(&wall_file, arguments.force)?;
-    bake::limit_memory(manager::BAKE_MEMORY_MIB_DEFAULT)?;
+    bake::limit_memory(BAKE_MEMORY_MIB_DEFAULT)?;
     let done = is_mpcdi(&arguments.file).and_then(|is_mpcdi| {
         if is_mpcdi { archive(arguments, &wall_file) } else { configuration(arguments) }
     });

@@ -12,6 +12,7 @@ use super::{RATE, brisk};
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, shot};
 use crate::harness::place::TestDir;
 use crate::harness::scenes::{poses, town};
+use crate::harness::simulation::Simulation;
 use crate::harness::{signals, wait};
 
 #[test]
@@ -45,6 +46,21 @@ fn a_client_is_told_of_a_baker_that_dies_and_the_wall_goes_on() {
     let status = client.status().expect("status");
     assert_eq!((status.scene, status.channels[0].late), (None, 0));
     client.open_scene("town.glb").expect("nothing half done is in the way");
+}
+
+/// A command that bakes by itself is not told to start a manager.
+#[test]
+fn a_command_whose_baker_dies_says_how_to_give_it_more_memory() {
+    let arguments = ["--frames", "1", "--bake-memory-mib", "5000"];
+    let wall = brisk(1, 1);
+    let mut simulation = Simulation::start(TestDir::unbaked(), &wall, town(), &arguments);
+    let baker = wait::until("a baker", || simulation.children("bake").first().copied());
+    let words = signals::arguments_of(baker);
+    signals::send(baker, Signal::KILL);
+    assert!(words.windows(2).any(|pair| pair == ["--memory-mib", "5000"]), "{words:?}");
+    let remedy = "5000 MiB of memory: give this command --bake-memory-mib N";
+    let failed = simulation.process.finish(wait::LIMIT);
+    failed.failed(&["town.glb", "the baker ended", "SIGKILL", remedy]);
 }
 
 /// A server whose cache is somewhere, and the picture that it shows.
