@@ -33,6 +33,12 @@ const PROGRESS_PERIOD: Duration = Duration::from_millis(100);
 /// How long a bake that was interrupted may go on to end in order.
 const CANCEL_TIME_MAX: Duration = Duration::from_millis(500);
 
+/// How long an upload may go on that was interrupted: object stores drop the parts of blobs.
+const UPLOAD_CANCEL_TIME_MAX: Duration = Duration::from_secs(10);
+
+/// The period in which the end of an upload is looked for.
+const UPLOAD_LOOK_PERIOD: Duration = Duration::from_millis(50);
+
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// The .gltf or .glb file, or with --as a file of a wall
@@ -100,12 +106,12 @@ enum Use {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let url = arguments.upload.as_deref().map(upload::store_url).transpose()?;
     arguments.memory_mib.map_or(Ok(()), limit_memory)?;
-    let cancel = Arc::new(AtomicBool::new(false));
-    cancel_on_interrupt(Arc::clone(&cancel), arguments.with_parent)?;
+    let interruption = Arc::<Interruption>::default();
+    cancel_on_interrupt(&interruption, arguments.with_parent)?;
     let store = BakeCache::open(&arguments.output)
         .with_context(|| format!("cannot use {}", arguments.output.display()))?;
     if let Some(used_as) = arguments.used_as {
-        return run_map(arguments, used_as, &store, url.as_ref(), &cancel);
+        return run_map(arguments, used_as, &store, url.as_ref(), &interruption);
     }
     let bar = ProgressBar::with_draw_target(None, progress::target());
     if let Ok(style) = ProgressStyle::with_template("{msg:>10} {wide_bar} {pos}/{len}") {
@@ -121,7 +127,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bar.set_position(progress.done);
     };
     let scene = arguments.scene.as_deref();
-    let baked = bake_scene(&arguments.file, scene, &store, &mut progress, &cancel);
+    let cancel = &interruption.is_asked;
+    let baked = bake_scene(&arguments.file, scene, &store, &mut progress, cancel);
     bar.finish_and_clear();
     let baked = baked?;
     let is_drawn_otherwise = |note: &&String| !note.starts_with(OVERVIEW_NOTE);
@@ -139,7 +146,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => None,
         Some(url) => {
             let blobs = upload::blobs_of_scene(&store, baked.manifest)?;
-            Some(upload::upload(url, &store, &blobs, &cancel)?)
+            Some(upload::upload(url, &store, &blobs, &interruption)?)
         }
     };
     if arguments.json {
@@ -234,7 +241,7 @@ fn run_map(
     used_as: Use,
     store: &BakeCache,
     url: Option<&StoreUrl>,
-    cancel: &AtomicBool,
+    interruption: &Interruption,
 ) -> anyhow::Result<()> {
     let is_shape = |aspect: &f64| aspect.is_finite() && *aspect > 0.0;
     if let Some(aspect) = arguments.aspect.filter(|aspect| !is_shape(aspect)) {
@@ -250,16 +257,17 @@ fn run_map(
         Use::Mask => MapUse::Mask,
         Use::Environment => {
             let source = EnvironmentSource::File(&arguments.file);
-            return run_environment(arguments, source, store, url, cancel);
+            return run_environment(arguments, source, store, url, interruption);
         }
         Use::Sky => {
             let sun = arguments.sun.unwrap_or_else(default_sun);
             let source = EnvironmentSource::Sky { sun };
-            return run_environment(arguments, source, store, url, cancel);
+            return run_environment(arguments, source, store, url, interruption);
         }
     };
-    let baked = bake_map(&arguments.file, used_as, store, cancel)?;
-    let uploaded = url.map(|url| upload::upload(url, store, &[baked.blob], cancel)).transpose()?;
+    let baked = bake_map(&arguments.file, used_as, store, &interruption.is_asked)?;
+    let upload = |url| upload::upload(url, store, &[baked.blob], interruption);
+    let uploaded = url.map(upload).transpose()?;
     if arguments.json {
         return say_json(&baked, uploaded.as_ref());
     }
@@ -273,10 +281,11 @@ fn run_environment(
     source: EnvironmentSource<'_>,
     store: &BakeCache,
     url: Option<&StoreUrl>,
-    cancel: &AtomicBool,
+    interruption: &Interruption,
 ) -> anyhow::Result<()> {
-    let baked = bake_environment(source, store, cancel)?;
-    let uploaded = url.map(|url| upload::upload(url, store, &[baked.blob], cancel)).transpose()?;
+    let baked = bake_environment(source, store, &interruption.is_asked)?;
+    let upload = |url| upload::upload(url, store, &[baked.blob], interruption);
+    let uploaded = url.map(upload).transpose()?;
     if arguments.json {
         return say_json(&baked, uploaded.as_ref());
     }
@@ -296,16 +305,48 @@ fn direction(text: &str) -> Result<DVec3, String> {
     is_one.then_some(direction).ok_or_else(wrong)
 }
 
-fn cancel_on_interrupt(cancel: Arc<AtomicBool>, with_parent: bool) -> anyhow::Result<()> {
+/// What this process is asked, and what it must not leave undone.
+#[derive(Debug, Default)]
+struct Interruption {
+    /// The process is to end in order.
+    is_asked: AtomicBool,
+    /// Blobs are on their way to an object store.
+    is_uploading: AtomicBool,
+}
+
+/// Ends this process in order at the first request, and at once at the second.
+fn cancel_on_interrupt(interruption: &Arc<Interruption>, with_parent: bool) -> anyhow::Result<()> {
+    let interruption = Arc::clone(interruption);
     let on_request = move || {
-        cancel.store(true, Ordering::Relaxed);
-        // Some steps on millions of vertices take seconds and look at nothing. Blobs appear whole
-        // or not at all, so the store bears an end at any moment.
-        std::thread::sleep(CANCEL_TIME_MAX);
-        logging::say_failure("bake", "error: interrupted");
-        logging::finish();
-        std::process::exit(1);
+        if interruption.is_asked.swap(true, Ordering::Relaxed) {
+            end("interrupted again");
+        }
+        let waited = Arc::clone(&interruption);
+        let wait = move || end_in_order(&waited);
+        // The memory limit may allow no other thread.
+        if std::thread::Builder::new().name("cancel".into()).spawn(wait).is_err() {
+            end_in_order(&interruption);
+        }
     };
     let watched = watch_shutdown_signals(with_parent, on_request);
     watched.context("cannot wait for Ctrl-C; does the memory limit allow a thread?")
+}
+
+/// Ends this process once it has had the time to end by itself.
+fn end_in_order(interruption: &Interruption) {
+    let began = Instant::now();
+    let is_uploading = || interruption.is_uploading.load(Ordering::Relaxed);
+    while is_uploading() && began.elapsed() < UPLOAD_CANCEL_TIME_MAX {
+        std::thread::sleep(UPLOAD_LOOK_PERIOD);
+    }
+    // Some steps on millions of vertices take seconds and look at nothing. Blobs appear whole or
+    // not at all, so the store bears an end at any moment.
+    std::thread::sleep(CANCEL_TIME_MAX);
+    end("interrupted");
+}
+
+fn end(why: &str) -> ! {
+    logging::say_failure("bake", &format!("error: {why}"));
+    logging::finish();
+    std::process::exit(1);
 }

@@ -4,7 +4,9 @@
 //! Objects have the names of files in a [`polyptych_files::blob::BlobStore`], so that a copy of
 //! such a folder is a store. What comes from one is checked against its hash.
 
+mod part_upload;
 mod remote_store;
+mod stop_signal;
 mod store_fault;
 mod upload;
 

@@ -11,14 +11,16 @@ use object_store::gcp::{GoogleCloudStorageBuilder, GoogleConfigKey};
 use object_store::http::HttpBuilder;
 use object_store::path::Path;
 use object_store::{
-    BackoffConfig, Error as StoreError, GetResult, ObjectStore, ObjectStoreExt, RetryConfig,
-    WriteMultipart,
+    BackoffConfig, Error as StoreError, GetResult, ObjectStore, ObjectStoreExt, PutPayloadMut,
+    RetryConfig,
 };
 use polyptych_files::blob::{BlobHash, BlobReader, BlobStore, StoreScheme, StoreUrl};
 use tokio::task::spawn_blocking;
-use tokio::time::{Instant, timeout_at};
+use tokio::time::{Instant, timeout, timeout_at};
 use tokio_rustls::rustls::crypto::{CryptoProvider, ring};
 
+use crate::part_upload::PartUpload;
+use crate::stop_signal::StopSignal;
 use crate::store_fault::StoreFault;
 
 /// Longest time in which a store may answer a request, its retries included.
@@ -48,9 +50,6 @@ const RETRY_FIRST: Duration = Duration::from_millis(100);
 
 /// Blobs above it are sent in parts of this size, so that memory holds few of them.
 const PART_BYTES: u64 = 8 << 20;
-
-/// Parts of one blob that are on their way at a time.
-const PARTS_MAX: usize = 2;
 
 /// A folder of blobs in an object store.
 #[derive(Debug)]
@@ -99,7 +98,7 @@ impl RemoteStore {
         request: impl Future<Output = object_store::Result<T>>,
     ) -> Result<Option<T>, StoreFault> {
         let silent = |_| StoreFault::silent(&self.url, ANSWER_TIME_MAX.as_secs());
-        match tokio::time::timeout(ANSWER_TIME_MAX, request).await.map_err(silent)? {
+        match timeout(ANSWER_TIME_MAX, request).await.map_err(silent)? {
             Ok(answer) => Ok(Some(answer)),
             // A bucket that is missing would else be one without blobs.
             Err(error @ StoreError::NotFound { .. }) if !names_no_bucket(&error) => Ok(None),
@@ -163,11 +162,17 @@ impl RemoteStore {
         Ok(self.answer(self.store.head(&path)).await?.map(|object| object.size))
     }
 
-    /// Puts a blob of a folder into the store, over what may be there.
+    /// Puts a blob of a folder into the store, over what may be there. Returns `None` if it was
+    /// told to stop before: then the store keeps nothing of the blob.
     ///
     /// # Errors
     /// [`StoreFault`] if the store does not take it, or the folder's blob is damaged or missing.
-    pub async fn put(&self, from: &BlobStore, hash: BlobHash) -> Result<(), StoreFault> {
+    pub(crate) async fn put(
+        &self,
+        from: &BlobStore,
+        hash: BlobHash,
+        stop: &mut StopSignal,
+    ) -> Result<Option<()>, StoreFault> {
         let folder = from.clone();
         let opened = spawn_blocking(move || folder.open(hash)).await;
         let reader = match opened.map_err(|error| self.local(&error))? {
@@ -178,36 +183,50 @@ impl RemoteStore {
         let path = self.path_of(hash)?;
         // Web servers take no parts.
         if reader.total() <= PART_BYTES || self.is_web() {
-            let bytes = self.read_whole(reader).await?;
-            let put = self.uploads.put(&path, bytes.into());
-            return put.await.map(drop).map_err(|error| self.fault(&error));
+            return stop.unless_stopped(self.put_whole(reader, &path)).await.transpose();
         }
-        let begun = self.uploads.put_multipart(&path).await;
-        let upload = begun.map_err(|error| self.fault(&error))?;
-        let mut parts = WriteMultipart::new_with_chunk_size(upload, PART_BYTES as usize);
-        if let Err(fault) = self.put_parts(reader, &mut parts).await {
-            // Parts of an upload that never ends would be kept, and paid for.
-            let _ = parts.abort().await;
-            return Err(fault);
+        // Not to be stopped: who does not hear which upload was begun cannot end it.
+        let begun = timeout(ANSWER_TIME_MAX, self.uploads.put_multipart(&path)).await;
+        let silent = |_| StoreFault::silent(&self.url, ANSWER_TIME_MAX.as_secs());
+        let upload = begun.map_err(silent)?.map_err(|error| self.fault(&error))?;
+        let mut parts = PartUpload::new(upload);
+        let sent = stop.unless_stopped(self.put_parts(reader, &mut parts)).await;
+        if !matches!(sent, Some(Ok(()))) {
+            parts.abort().await;
         }
-        parts.finish().await.map(drop).map_err(|error| self.fault(&error))
+        sent.transpose()
+    }
+
+    async fn put_whole(&self, reader: BlobReader, path: &Path) -> Result<(), StoreFault> {
+        let bytes = self.read_whole(reader).await?;
+        let put = self.uploads.put(path, bytes.into()).await;
+        put.map(drop).map_err(|error| self.fault(&error))
     }
 
     async fn put_parts(
         &self,
         mut reader: BlobReader,
-        parts: &mut WriteMultipart,
+        parts: &mut PartUpload,
     ) -> Result<(), StoreFault> {
+        let fault = |error| self.fault(&error);
+        let mut part = PutPayloadMut::new();
         loop {
             let read = spawn_blocking(move || reader.next_piece().map(|piece| (piece, reader)));
             let read = read.await.map_err(|error| self.local(&error))?;
             let (piece, rest) = read.map_err(|error| self.local(&error))?;
-            let Some((_, bytes)) = piece else { return Ok(()) };
+            let Some((_, mut bytes)) = piece else { break };
             reader = rest;
-            let room = parts.wait_for_capacity(PARTS_MAX).await;
-            room.map_err(|error| self.fault(&error))?;
-            parts.put(bytes);
+            // All parts but the last are of one size.
+            while part.content_length() + bytes.len() >= PART_BYTES as usize {
+                part.push(bytes.split_to(PART_BYTES as usize - part.content_length()));
+                parts.send(std::mem::take(&mut part).freeze()).await.map_err(fault)?;
+            }
+            part.push(bytes);
         }
+        if !part.is_empty() {
+            parts.send(part.freeze()).await.map_err(fault)?;
+        }
+        parts.complete().await.map_err(fault)
     }
 
     async fn read_whole(&self, mut reader: BlobReader) -> Result<Bytes, StoreFault> {

@@ -1,9 +1,15 @@
 //! Puts the blobs of a bake into a store: only those that are missing there, several at a time.
+//!
+//! ```text
+//! all sent | one failed -> stop | interrupted -> stop
+//!                            each that is on its way gives its parts up -> end
+//! ```
 
 use futures_util::{StreamExt, stream};
 use polyptych_files::blob::{BlobHash, BlobStore};
 
 use crate::remote_store::RemoteStore;
+use crate::stop_signal::{StopSender, StopSignal, stopped_by};
 use crate::store_fault::StoreFault;
 
 /// Blobs that are on their way to a store at a time: a request takes tens of milliseconds, most of
@@ -29,54 +35,96 @@ impl Uploaded {
 }
 
 /// Puts the blobs of a folder that a store lacks there, the last of the list after all others, so
-/// that a manifest there has all that it names. Calls `tell` after each.
+/// that a manifest there has all that it names. Calls `tell` after each. Ends early once
+/// `interrupted` is ready, and returns `None` then.
+///
+/// What was sent before an early end stays there, and another upload goes on from it. Of blobs that
+/// are on their way, the store keeps nothing, unless it does not answer any more.
 ///
 /// # Errors
-/// [`StoreFault`] of the first blob that could not be sent; what was sent before stays there, and
-/// another upload goes on from it.
+/// [`StoreFault`] of the first blob that could not be sent.
 pub async fn upload(
     store: &RemoteStore,
     from: &BlobStore,
     blobs: &[BlobHash],
+    interrupted: impl Future<Output = ()>,
+    tell: impl FnMut(&Uploaded),
+) -> Result<Option<Uploaded>, StoreFault> {
+    let stop = StopSender::new();
+    stopped_by(&stop, interrupted, send_all(store, from, blobs, &stop, tell)).await
+}
+
+async fn send_all(
+    store: &RemoteStore,
+    from: &BlobStore,
+    blobs: &[BlobHash],
+    stop: &StopSender,
     mut tell: impl FnMut(&Uploaded),
-) -> Result<Uploaded, StoreFault> {
+) -> Result<Option<Uploaded>, StoreFault> {
     let mut uploaded = Uploaded::default();
-    let Some((last, others)) = blobs.split_last() else { return Ok(uploaded) };
+    let Some((last, others)) = blobs.split_last() else { return Ok(Some(uploaded)) };
     // A web server is sent whole blobs, each of which may be as large as the largest.
     let together = if store.is_web() { 1 } else { UPLOADS_MAX };
-    let others = stream::iter(others).map(|hash| send(store, from, *hash));
+    let others = stream::iter(others).map(|hash| send(store, from, *hash, stop.signal()));
     let mut all = others.buffer_unordered(together);
-    let mut count = |bytes: Option<u64>| {
-        match bytes {
-            None => uploaded.present += 1,
-            Some(bytes) => {
+    let mut count = |sent: Sent| {
+        match sent {
+            Sent::Present => uploaded.present += 1,
+            Sent::Bytes(bytes) => {
                 uploaded.sent += 1;
                 uploaded.sent_bytes += bytes;
             }
+            Sent::Stopped => return,
         }
         tell(&uploaded);
     };
+    let mut first_fault = None;
+    // Also those that were told to stop are waited for: they give their parts up.
     while let Some(sent) = all.next().await {
-        count(sent?);
+        match sent {
+            Ok(sent) => count(sent),
+            Err(fault) => {
+                stop.stop();
+                first_fault.get_or_insert(fault);
+            }
+        }
     }
-    count(send(store, from, *last).await?);
-    Ok(uploaded)
+    if let Some(fault) = first_fault {
+        return Err(fault);
+    }
+    count(send(store, from, *last, stop.signal()).await?);
+    Ok((uploaded.done() == blobs.len() as u64).then_some(uploaded))
 }
 
-/// Sends a blob unless it is there; returns the bytes that were sent, or `None` if it was.
+/// What was done with a blob.
+#[derive(Clone, Copy, Debug)]
+enum Sent {
+    /// It was there.
+    Present,
+    /// So many bytes were sent.
+    Bytes(u64),
+    /// Nothing, since all is to end.
+    Stopped,
+}
+
+/// Sends a blob unless it is there.
 async fn send(
     store: &RemoteStore,
     from: &BlobStore,
     hash: BlobHash,
-) -> Result<Option<u64>, StoreFault> {
+    mut stop: StopSignal,
+) -> Result<Sent, StoreFault> {
     // An object of 0 bytes would else do for a blob that is missing here.
     let missing = |error| store.local(&format!("blob {hash} is not in {from:?}: {error}"));
     let bytes = std::fs::metadata(from.path_of(hash)).map_err(missing)?.len();
-    if store.size_of(hash).await? == Some(bytes) {
-        return Ok(None);
+    let Some(size) = stop.unless_stopped(store.size_of(hash)).await.transpose()? else {
+        return Ok(Sent::Stopped);
+    };
+    if size == Some(bytes) {
+        return Ok(Sent::Present);
     }
-    store.put(from, hash).await?;
-    Ok(Some(bytes))
+    let put = store.put(from, hash, &mut stop).await?;
+    Ok(put.map_or(Sent::Stopped, |()| Sent::Bytes(bytes)))
 }
 
 #[cfg(test)]
@@ -108,7 +156,9 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let (from, missing) = (BlobStore::new(folder.path()), BlobHash([7; 32]));
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-        let sent = runtime.expect("a runtime").block_on(upload(&store, &from, &[missing], |_| {}));
+        let (blobs, never) = ([missing], std::future::pending());
+        let sent = upload(&store, &from, &blobs, never, |_| {});
+        let sent = runtime.expect("a runtime").block_on(sent);
         let reason = sent.expect_err("it is not there").to_string();
         assert!(reason.contains(&format!("blob {missing} is not in")), "{reason}");
     }

@@ -1,6 +1,6 @@
 //! `polyptych bake --upload`: puts the blobs of a bake into an object store.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
@@ -10,6 +10,7 @@ use polyptych_files::blob::{BlobHash, StoreUrl};
 use polyptych_object_store::{RemoteStore, Uploaded};
 use polyptych_text::counted;
 
+use super::Interruption;
 use crate::cli::say;
 use crate::progress;
 
@@ -45,12 +46,13 @@ pub(super) fn blobs_of_scene(
     Ok(blobs)
 }
 
-/// Sends the blobs that are missing in the object store, and shows how far that is.
+/// Sends the blobs that are missing in the object store, and shows how far that is. An upload that
+/// is interrupted leaves no parts of blobs there.
 pub(super) fn upload(
     url: &StoreUrl,
     from: &BakeCache,
     blobs: &[BlobHash],
-    cancel: &AtomicBool,
+    interruption: &Interruption,
 ) -> anyhow::Result<Uploaded> {
     let bar = ProgressBar::with_draw_target(Some(blobs.len() as u64), progress::target());
     if let Ok(style) = ProgressStyle::with_template("{msg:>10} {wide_bar} {pos}/{len}") {
@@ -61,22 +63,24 @@ pub(super) fn upload(
     let runtime = threads.worker_threads(1).enable_all().build();
     let runtime = runtime.context("the upload can't be started")?;
     let store = RemoteStore::open(url.clone())?;
-    let uploaded = runtime.block_on(async {
-        let interrupted = async {
-            while !cancel.load(Ordering::Relaxed) {
-                tokio::time::sleep(CANCEL_PERIOD).await;
-            }
-        };
-        tokio::select! {
-            uploaded = polyptych_object_store::upload(&store, from.blobs(), blobs, |so_far| {
-                bar.set_position(so_far.done());
-            }) => Ok(uploaded?),
-            () = interrupted => bail!("interrupted; another upload goes on from here"),
+    let interrupted = async {
+        while !interruption.is_asked.load(Ordering::Relaxed) {
+            tokio::time::sleep(CANCEL_PERIOD).await;
         }
-    });
+    };
+    let tell = |so_far: &Uploaded| bar.set_position(so_far.done());
+    interruption.is_uploading.store(true, Ordering::Relaxed);
+    let uploaded = runtime.block_on(polyptych_object_store::upload(
+        &store,
+        from.blobs(),
+        blobs,
+        interrupted,
+        tell,
+    ));
+    interruption.is_uploading.store(false, Ordering::Relaxed);
     bar.finish_and_clear();
     runtime.shutdown_background();
-    uploaded
+    uploaded?.context("interrupted; another upload goes on from here")
 }
 
 /// Says what an upload came to.
