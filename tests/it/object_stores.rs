@@ -8,15 +8,18 @@ use std::sync::OnceLock;
 use image::RgbaImage;
 use polyptych_client::{Camera, ChannelState, Wall, fit_bounds};
 use polyptych_files::blob::BLOB_BYTES_MAX;
+use rustix::process::Signal;
+use serde_json::json;
 
 use crate::harness::local_wall::{
     ANY_PORT, LocalWall, await_states, screen_of, shot, small, start_server_with,
 };
+use crate::harness::maps::{Png, png};
 use crate::harness::pictures::{IDENTICAL, check, color_count};
 use crate::harness::place::TestDir;
 use crate::harness::process::{Finished, Process};
-use crate::harness::s3_server::S3Server;
-use crate::harness::scenes::town;
+use crate::harness::s3_server::{S3Server, Trouble};
+use crate::harness::scenes::{Gltf, town};
 use crate::harness::wait;
 use crate::observation::metrics::scrape;
 
@@ -42,6 +45,79 @@ fn bake_with(place: &TestDir, environment: &[(&str, &str)], url: &str) -> Finish
     let mut command = place.command(arguments);
     command.envs(environment.iter().copied());
     Process::start("bake", &mut command).finish(wait::LIMIT)
+}
+
+/// Writes a scene with two textures, each of which is sent in several parts.
+fn write_large_scene(place: &TestDir) -> PathBuf {
+    const SIZE: [u32; 2] = [2048, 1536];
+    let scene = Gltf::triangle().with(|file| {
+        let corners = [0.0f32, 0.0, 1.0, 0.0, 0.0, 1.0];
+        let bytes: Vec<u8> = corners.iter().flat_map(|number| number.to_le_bytes()).collect();
+        let uv = file.accessor("VEC2", 5126, 3, &bytes);
+        let primitive = &mut file.json["meshes"][0]["primitives"][0];
+        primitive["attributes"]["TEXCOORD_0"] = uv.into();
+        primitive["material"] = 0.into();
+        file.json["materials"] = json!([{
+            "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } },
+            "emissiveTexture": { "index": 1 }, "emissiveFactor": [1, 1, 1],
+        }]);
+        file.json["textures"] = json!([{ "source": 0 }, { "source": 1 }]);
+        file.json["images"] = json!([]);
+        for number in 0..2 {
+            let texels = (0..SIZE[0] * SIZE[1] * 3).map(|at| ((at / 7 + number * 50) % 251) as u16);
+            let texels: Vec<u16> = texels.collect();
+            let picture = Png { size: SIZE, color: 2, bits: 8, gamma: None, texels: &texels };
+            let bytes = png(&picture);
+            file.bin.resize(file.bin.len().next_multiple_of(4), 0);
+            let (at, length) = (file.bin.len(), bytes.len());
+            file.bin.extend(bytes);
+            let views = file.json["bufferViews"].as_array_mut().expect("a list");
+            views.push(json!({ "buffer": 0, "byteOffset": at, "byteLength": length }));
+            let image = json!({ "bufferView": views.len() - 1, "mimeType": "image/png" });
+            file.json["images"].as_array_mut().expect("a list").push(image);
+        }
+    });
+    place.write("large.glb", scene.glb())
+}
+
+fn start_upload(place: &TestDir, scene: &Path, store: &S3Server) -> Process {
+    let mut arguments = ["bake", "-o", "baked", "--upload", STORE].map(PathBuf::from).to_vec();
+    arguments.push(scene.to_owned());
+    let mut command = place.command(arguments);
+    command.envs(store.environment());
+    Process::start("bake", &mut command)
+}
+
+#[test]
+fn an_upload_that_is_interrupted_leaves_no_parts_in_the_store() {
+    let place = TestDir::new();
+    let scene = write_large_scene(&place);
+    let folder = place.path("s3");
+    let store = S3Server::start_troubled(&folder, &[Trouble::Silence, Trouble::Silence]);
+    let mut upload = start_upload(&place, &scene, &store);
+    wait::until("both textures on their way", || store.is_in_trouble_with(2).then_some(()));
+    assert!(store.uploads_left().len() >= 4, "two uploads with a part each");
+    upload.signal(Signal::INT);
+    upload.finish(wait::LIMIT).failed(&["interrupted", "another upload goes on"]);
+    assert_eq!(store.uploads_left(), [] as [PathBuf; 0]);
+    // Another one goes on from there.
+    drop(store);
+    let store = S3Server::start(&folder);
+    start_upload(&place, &scene, &store).finish(wait::LIMIT).succeeded();
+    let large = |file: &&PathBuf| fs::metadata(file).expect("there").len() > 8 << 20;
+    assert_eq!(blobs_in(&store.objects("blobs")).iter().filter(large).count(), 2);
+}
+
+#[test]
+fn a_blob_that_is_refused_ends_the_uploads_beside_it_in_order() {
+    let place = TestDir::new();
+    let scene = write_large_scene(&place);
+    let troubles = [Trouble::Silence, Trouble::RefusalAfter(2)];
+    let store = S3Server::start_troubled(&place.path("s3"), &troubles);
+    let mut upload = start_upload(&place, &scene, &store);
+    upload.finish(wait::LIMIT).failed(&[STORE, "403"]);
+    assert!(store.is_in_trouble_with(2), "both textures were on their way");
+    assert_eq!(store.uploads_left(), [] as [PathBuf; 0]);
 }
 
 /// The blobs of a folder, the largest first.
