@@ -274,6 +274,12 @@ impl Gpu {
         AdapterInfo::of(&self.adapter)
     }
 
+    /// Returns whether it is used by GL: depths in clip space go from −1 to 1, the number of layers
+    /// of a texture decides its kind, and depths cannot be copied.
+    pub(crate) fn is_gl(&self) -> bool {
+        self.adapter.get_info().backend == wgpu::Backend::Gl
+    }
+
     /// Returns whether a texture can be written as sRGB and as plain bytes; `false` with GL.
     pub(crate) fn views_other_formats(&self) -> bool {
         let flags = self.adapter.get_downlevel_capabilities().flags;

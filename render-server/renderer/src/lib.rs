@@ -165,6 +165,7 @@ impl DrawStats {
 #[derive(Debug)]
 pub struct Renderer {
     samples: u32,
+    is_gl: bool,
     pipelines: ScenePipelines,
     frames: frame::FrameResources,
     shadows: frame::Shadows,
@@ -184,6 +185,7 @@ impl Renderer {
         }
         Ok(Self {
             samples,
+            is_gl: gpu.is_gl(),
             pipelines: ScenePipelines::new(gpu, samples),
             frames: frame::FrameResources::new(gpu),
             shadows: frame::Shadows::new(gpu),
@@ -198,8 +200,11 @@ impl Renderer {
         self.occlusion = occlusion;
     }
 
-    /// Sets what edges shadows have. Scenes are to be prepared with it before they are drawn.
+    /// Sets what edges shadows have; by GL contact hardening counts as soft. Scenes are to be
+    /// prepared with it before they are drawn.
     pub fn set_shadows(&mut self, shadows: ShadowFilter) {
+        let is_soft = self.is_gl && shadows == ShadowFilter::ContactHardening;
+        let shadows = if is_soft { ShadowFilter::Soft } else { shadows };
         self.pipelines.surfaces.shadows = shadows;
         self.shadows.set_filter(shadows);
     }

@@ -175,6 +175,7 @@ impl PipelineKey {
             lamps,
             shadows,
             lamp_shadows: shadows && self.lamp_shadows,
+            penumbras: shadows && self.shadows == ShadowFilter::ContactHardening,
             environment: built.environment && m.lit,
             fog: built.fog,
             ambient_occlusion: built.ambient_occlusion && m.lit,

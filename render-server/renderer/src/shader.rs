@@ -16,6 +16,17 @@ const BAKED_LIGHT: &str = include_str!("include/baked_light.wgsl");
 const TRANSMISSION: &str = include_str!("include/transmission.wgsl");
 const SHADOW: &str = include_str!("include/shadow.wgsl");
 const SHADOW_FILTER: &str = include_str!("include/shadow_filter.wgsl");
+const PENUMBRA: &str = include_str!("include/penumbra.wgsl");
+/// Stands for it where lights have no size: GLSL cannot read depths that it compares with, too.
+const NO_PENUMBRA: &str = "
+fn penumbra_radius(place: vec3<f32>, layer: u32, spread: f32, slant: vec2<f32>, most: f32) -> f32 {
+    return 0.0;
+}
+
+fn area_visibility(place: vec3<f32>, layer: u32, spread: f32, slant: vec2<f32>, r: f32) -> f32 {
+    return 1.0;
+}
+";
 const SUN_SHADOW: &str = include_str!("include/sun_shadow.wgsl");
 const LAMP_SHADOW: &str = include_str!("include/lamp_shadow.wgsl");
 /// Stands for the three where no light casts shadows.
@@ -46,6 +57,8 @@ pub(crate) struct Interface {
     pub shadows: bool,
     /// Among them are point or spot lights; only with `shadows`.
     pub lamp_shadows: bool,
+    /// Lights have a size; only with `shadows`.
+    pub penumbras: bool,
     /// Light comes from all around, by a map.
     pub environment: bool,
     /// Fog lies between the eye and what it sees.
@@ -157,11 +170,13 @@ impl Interface {
         if !self.shadows {
             return NO_SHADOW.to_owned();
         }
-        let suns = [SHADOW, SHADOW_FILTER, SUN_SHADOW].concat();
+        let penumbra = if self.penumbras { PENUMBRA } else { NO_PENUMBRA };
+        let filter = [SHADOW_FILTER, penumbra].concat();
+        let suns = [SHADOW, &filter, SUN_SHADOW].concat();
         if !self.lamp_shadows {
             return suns;
         }
-        let filter = SHADOW_FILTER
+        let filter = filter
             .replace("shadow_maps", "lamp_maps")
             .replace("_visibility", "_lamp_visibility")
             .replace("penumbra_radius", "lamp_penumbra_radius")

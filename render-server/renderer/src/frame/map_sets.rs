@@ -262,14 +262,18 @@ impl MapSets {
             }
             (MapWork::Still, None) => passes.steps.push(Step::Copy(*set, *layer)),
             (MapWork::Moving(moving), still) => {
+                let is_copied = !gpu.is_gl();
+                let onto = of_set.map(*layer).clone();
                 if let Some((casting, receives)) = still {
-                    let map = of_set.begin_still(gpu, (*layer, map, receives));
-                    add(&casting, &casting.items, map, false);
+                    // What cannot be copied is drawn where it is read.
+                    let still = is_copied.then(|| of_set.begin_still(gpu, (*layer, map, receives)));
+                    add(&casting, &casting.items, still.unwrap_or_else(|| onto.clone()), false);
                 }
-                let map = of_set.map(*layer).clone();
-                add(moving, &moving.items, map, true);
-                let at = passes.steps.len() - 1;
-                passes.steps.insert(at, Step::Copy(*set, *layer));
+                add(moving, &moving.items, onto, true);
+                if is_copied {
+                    let at = passes.steps.len() - 1;
+                    passes.steps.insert(at, Step::Copy(*set, *layer));
+                }
             }
         }
     }

@@ -165,7 +165,9 @@ impl Shadows {
             let set = self.suns.find((gpu, scene), of, wanted, (index, view, sun_orders));
             (set, suns)
         });
-        let lamps = LampMaps::new(scene, view, &extent, self.filter).map(|lamps| {
+        // GL has no depth that tells what is far from a lamp apart.
+        let lamps = LampMaps::new(scene, view, &extent, self.filter).filter(|_| !gpu.is_gl());
+        let lamps = lamps.map(|lamps| {
             let wanted = (&lamps.maps[..], lamps.side);
             let set = self.lamps.find((gpu, scene), of, wanted, (index, view, lamp_orders));
             let records = &mut self.lamps.get_mut(set).records;

@@ -81,7 +81,7 @@ impl OccluderPass {
         let flags = gpu.adapter.get_downlevel_capabilities().flags;
         let reads_samples =
             samples == 1 || flags.contains(wgpu::DownlevelFlags::MULTISAMPLED_SHADING);
-        if gpu.adapter.get_info().backend == wgpu::Backend::Gl || !reads_samples {
+        if gpu.is_gl() || !reads_samples {
             return None;
         }
         let device = &gpu.device;

@@ -42,7 +42,7 @@ fn interfaces() -> impl Iterator<Item = Interface> {
         let attributes = VertexLayout { tangent: bit(0), uv0: bit(1), uv1: bit(2), color: bit(3) };
         let (shadows, environment, fog) = (bit(6), bit(7), bit(8));
         let extensions = ExtensionSet::default();
-        let (lit, lamps, lamp_shadows) = (bit(4), bit(5), bit(9));
+        let (lit, lamps, lamp_shadows, penumbras) = (bit(4), bit(5), bit(9), shadows && bit(0));
         // With others of every kind, as their parity is theirs.
         let ambient_occlusion = lit && bits.count_ones() % 2 == 0;
         Interface {
@@ -51,6 +51,7 @@ fn interfaces() -> impl Iterator<Item = Interface> {
             lamps,
             shadows,
             lamp_shadows,
+            penumbras,
             environment,
             fog,
             ambient_occlusion,
@@ -105,6 +106,7 @@ fn every_shader_validates() {
                 lamps,
                 shadows: lamps,
                 lamp_shadows: lamps,
+                penumbras: lamps && environment,
                 environment,
                 fog,
                 ambient_occlusion: bits < 2,
@@ -146,9 +148,21 @@ fn of_all() -> Interface {
         lamps: true,
         shadows: true,
         lamp_shadows: true,
+        penumbras: true,
         ambient_occlusion: true,
         extensions,
         ..Interface::default()
+    }
+}
+
+#[test]
+fn depths_of_shadows_are_read_for_penumbras_alone() {
+    // Where shaders compare with them, GLSL cannot read them.
+    for penumbras in [false, true] {
+        let text = surface(Interface { penumbras, ..of_all() }, opaque::SOURCE);
+        for maps in ["shadow_maps", "lamp_maps"] {
+            assert_eq!(text.contains(&format!("textureLoad({maps}")), penumbras, "{maps}");
+        }
     }
 }
 
