@@ -5,7 +5,7 @@ use image::{Rgba, RgbaImage};
 use polyptych_client::Capture;
 use polyptych_client::blocking::Client;
 use polyptych_client::glam::{DMat4, DVec3, Vec3};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::harness::local_wall::{LocalWall, of_repository, screen_of, small};
 use crate::harness::model::{Model, Part};
@@ -221,4 +221,15 @@ fn a_strict_bake_fails_where_a_note_says_what_is_not_drawn() {
     assert!(bake("milk.glb", &[]).succeeded().contains(name));
     bake("milk.glb", &["--strict"]).failed(&[name, "milk.glb", "--strict"]);
     bake("plain.glb", &["--strict"]).succeeded();
+    // A program is told what was baked too, with the notes in it and no words besides.
+    let refused = bake("milk.glb", &["--strict", "--json"]);
+    let line = refused.output.lines().find(|line| line.starts_with('{')).expect("JSON");
+    let baked: Value = serde_json::from_str(line).expect("JSON");
+    let note = baked["warnings"][0].as_str().expect("a note");
+    assert!(note.contains(name) && baked["manifest"].is_string(), "{baked}");
+    let is_noted = refused.output.lines().any(|line| line.starts_with("note: "));
+    assert!(!is_noted, "{}", refused.output);
+    refused.failed(&[name, "milk.glb", "--strict"]);
+    let baked = bake("plain.glb", &["--strict", "--json"]).json();
+    assert_eq!((&baked["warnings"], &baked["name"]), (&json!([]), &json!("plain")));
 }

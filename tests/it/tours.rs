@@ -171,6 +171,80 @@ fn a_film_that_is_interrupted_leaves_the_wall_at_its_pace() {
     assert_eq!(local.client().tour().expect("how it stands").pace, pace);
 }
 
+#[test]
+fn a_film_that_is_interrupted_again_ends_in_the_midst_of_a_frame() {
+    const FROM_S: f64 = 1234.5;
+    let local = wall();
+    let client = local.client();
+    // No frame of its own comes in the course of this test but the first one.
+    let pace = Pacing::Rate(0.02);
+    let before = client.status().expect("a status").frame;
+    client.start_rendering(pace).expect("running");
+    wait::until("the first frame", || {
+        let status = client.status().expect("a status");
+        let is_shown = status.channels.iter().all(|channel| channel.frame == status.frame);
+        (status.frame > before && is_shown).then_some(())
+    });
+    // A display that does not draw holds the film's first frame up for longer than this takes.
+    let server = local.servers.values().next().expect("a server");
+    server.signal(Signal::STOP);
+    let from = FROM_S.to_string();
+    let film = ["film", "cut", "--frames", "3", "--fps", "10", "--from", &from];
+    let mut film = local.place.start("film", [&film[..], &["--manager", &local.address]].concat());
+    let time_s = || client.tour().expect("how it stands").time_s;
+    wait::until("the film's first frame", || (time_s() == FROM_S).then_some(()));
+    assert_eq!(client.tour().expect("how it stands").pace, None, "the film has paused it");
+    film.signal(Signal::INT);
+    film.await_line(&["interrupted: the film ends after this frame"]);
+    assert!(!film.has_ended(), "it waits for its frame");
+    film.signal(Signal::INT);
+    let ended = film.finish(wait::SOON);
+    assert_eq!(ended.code(), 130, "{}", ended.output);
+    assert!(ended.output.contains("interrupted again: the film ends at once"), "{}", ended.output);
+    assert_eq!(client.tour().expect("how it stands").pace, Some(pace));
+    server.signal(Signal::CONT);
+}
+
+#[test]
+fn settings_are_shown_on_a_paused_wall_at_the_moment_where_it_is() {
+    let local = wall();
+    local.place.write("cameras.glb", scene_with_cameras().glb());
+    local.run(&["open", "cameras.glb"]).succeeded();
+    let tour = r#"{ "stops": [{ "position": [0, 0, 90], "target": [0, 0, 0], "travel": 100 }] }"#;
+    let file = local.place.write("tour.json", tour).display().to_string();
+    local.run(&["tour", "play", &file]).succeeded();
+    let client = local.client();
+    let clip_s = || client.clips().expect("clips")[0].time_s;
+    wait::until("tour and clip go on", || {
+        let has_begun = client.tour().expect("a tour").began_s.is_some();
+        (has_begun && clip_s() > 0.1).then_some(())
+    });
+    client.pause().expect("paused");
+    let moment = || {
+        let tour = client.tour().expect("a tour");
+        assert!(tour.tour.is_some() && tour.pace.is_none(), "{tour:?}");
+        let camera = client.presentation().expect("a presentation").camera;
+        (tour.time_s, camera, client.clips().expect("clips"))
+    };
+    let paused = moment();
+    let mut frame = client.status().expect("a status").frame;
+    let settings: [&[&str]; 4] =
+        [&["exposure", "1"], &["fog", "50"], &["glow", "0.1"], &["bound", "--error", "1"]];
+    for setting in settings {
+        local.run(setting).succeeded();
+        assert_eq!(moment(), paused, "{setting:?}");
+        let drawn = client.status().expect("a status").frame;
+        assert!(drawn > frame, "{setting:?}: frame {drawn} after {frame}");
+        frame = drawn;
+    }
+    // Both go on from there.
+    client.start_rendering(Pacing::Rate(20.0)).expect("running");
+    wait::until("tour and clip go on again", || {
+        let camera = client.presentation().expect("a presentation").camera;
+        (camera != paused.1 && clip_s() != paused.2[0].time_s).then_some(())
+    });
+}
+
 /// Begins a film and stops its process after some frames; returns it and how many there are.
 fn begin_film(local: &LocalWall, arguments: &[&str], folder: &Path) -> (Process, usize) {
     let film = local.place.start("film", [arguments, &["--manager", &local.address]].concat());

@@ -115,6 +115,37 @@ fn a_wall_on_three_machines_is_kept_and_ends_with_the_command() {
     assert!(pids.iter().all(|pid| !is_running(*pid)), "{ended}");
 }
 
+/// A wall of 256 servers has a thousand pipes and sockets, which the usual limit does not allow.
+#[test]
+fn all_processes_may_open_as_many_files_as_the_system_allows() {
+    let place = TestDir::new();
+    let address = wall_with(&place, 1, "[launch]\noutput = \"headless\"\n");
+    let command = place.command([""; 0]);
+    let mut shell = Command::new("sh");
+    shell.arg("-c").arg("ulimit -Sn 256 && exec \"$0\" up wall.toml").arg(command.get_program());
+    shell.current_dir(place.folder());
+    for (name, value) in command.get_envs() {
+        match value {
+            Some(value) => shell.env(name, value),
+            None => shell.env_remove(name),
+        };
+    }
+    let mut up = Process::start("up", &mut shell);
+    up.await_line(&["the manager and 1 server are live"]);
+    let server = server_pid(&client(&place, &address), 0).expect("it is there");
+    let is_manager =
+        |pid: &u32| signals::arguments_of(*pid).get(1).is_some_and(|word| word == "manager");
+    let manager = signals::processes_of(place.folder()).into_iter().find(is_manager);
+    for pid in [up.pid(), manager.expect("a manager"), server] {
+        let limits = fs::read_to_string(format!("/proc/{pid}/limits")).expect("it runs");
+        let line = limits.lines().find_map(|line| line.strip_prefix("Max open files"));
+        let words: Vec<&str> = line.expect("a limit").split_whitespace().collect();
+        assert!(words[0] == words[1] && words[0] != "256", "{:?}: {words:?}", pid);
+    }
+    up.signal(Signal::TERM);
+    up.finish(wait::SOON).succeeded();
+}
+
 #[test]
 fn no_process_outlives_a_killed_command_and_a_stopped_wall_ends_it() {
     let place = TestDir::new();
