@@ -204,6 +204,8 @@ async fn expire(shared: &Shared) -> CloseReason {
 #[cfg(test)]
 mod tests {
     use std::future::ready;
+    use std::pin::Pin;
+    use std::task::{Context, Poll};
 
     use polyptych_protocol::framing::{decode, frames};
     use polyptych_protocol::handshake::Welcome;
@@ -212,7 +214,7 @@ mod tests {
         CLIENT_HEARTBEAT_PERIOD, MANAGER_SILENCE_MAX, MESSAGE_BYTES_MAX,
     };
     use polyptych_protocol::request::{Request, RequestError, RequestMessage, Response};
-    use tokio::io::{AsyncWriteExt, DuplexStream, duplex};
+    use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, ReadBuf, duplex};
     use tokio::time::advance;
 
     use super::*;
@@ -325,6 +327,33 @@ mod tests {
         }
         assert_eq!(scene.await.expect("answered"), Response::Done);
         assert_eq!(client.close_reason(), None);
+    }
+
+    /// A stream whose bytes are seen at the third look, as by a process that stood still.
+    struct SeenLate(u32);
+
+    impl AsyncRead for SeenLate {
+        fn poll_read(
+            mut self: Pin<&mut Self>,
+            _context: &mut Context<'_>,
+            buffer: &mut ReadBuf<'_>,
+        ) -> Poll<io::Result<()>> {
+            self.0 += 1;
+            if self.0 < 3 {
+                return Poll::Pending;
+            }
+            buffer.put_slice(b"beat");
+            Poll::Ready(Ok(()))
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_came_while_the_client_stood_still_is_seen() {
+        let mut stream = StallLimit::new(SeenLate(0), WRITE_TIME_MAX);
+        stream.limit_silence(MANAGER_SILENCE_MAX);
+        let mut bytes = [0; 4];
+        stream.read_exact(&mut bytes).await.expect("the manager is not silent");
+        assert_eq!(&bytes, b"beat");
     }
 
     #[tokio::test(start_paused = true)]

@@ -8,6 +8,10 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, Sleep};
 
+/// Time for a last look once a limit is over. A process that stood still, as one in the background
+/// or in a debugger, sees its timers before what has come meanwhile.
+const LAST_LOOK_TIME: Duration = Duration::from_millis(250);
+
 /// A stream whose writes fail once the peer has read nothing for a while. A peer that stops reading
 /// holds what waits for it no longer than that; one that reads slowly may take its time. Reads may
 /// have such a limit too, where the peer sends something now and then.
@@ -26,11 +30,13 @@ struct WaitLimit {
     /// Runs while the direction waits.
     timer: Pin<Box<Sleep>>,
     is_waiting: bool,
+    is_last_look: bool,
 }
 
 impl WaitLimit {
     fn new(limit: Duration) -> Self {
-        Self { limit, timer: Box::pin(tokio::time::sleep(limit)), is_waiting: false }
+        let timer = Box::pin(tokio::time::sleep(limit));
+        Self { limit, timer, is_waiting: false, is_last_look: false }
     }
 
     /// Passes on the outcome of an operation, and fails it if it has waited for too long. `done`
@@ -47,8 +53,13 @@ impl WaitLimit {
         }
         if !std::mem::replace(&mut self.is_waiting, true) {
             self.timer.as_mut().reset(Instant::now() + self.limit);
+            self.is_last_look = false;
         }
         ready!(self.timer.as_mut().poll(context));
+        if !std::mem::replace(&mut self.is_last_look, true) {
+            self.timer.as_mut().reset(Instant::now() + LAST_LOOK_TIME);
+            ready!(self.timer.as_mut().poll(context));
+        }
         let reason = format!("it has {done} nothing for {} s", self.limit.as_secs());
         Poll::Ready(Err(io::Error::new(io::ErrorKind::TimedOut, reason)))
     }
