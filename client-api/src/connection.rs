@@ -314,7 +314,7 @@ mod tests {
         let client = start(vec![connection]);
         let scene = client.submit(open_scene()).expect("posted");
         let id = manager.expect(open_scene()).await;
-        let almost = MANAGER_SILENCE_MAX - CLIENT_HEARTBEAT_PERIOD;
+        let almost = MANAGER_SILENCE_MAX.saturating_sub(CLIENT_HEARTBEAT_PERIOD);
         for _ in 0..10 {
             advance(almost).await;
             manager.send(MessageToClient::Heartbeat).await;

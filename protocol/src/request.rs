@@ -351,25 +351,21 @@ pub enum MessageToClient {
     Chunk(ReplyChunk),
     /// The manager ends the connection.
     Goodbye(Goodbye),
-    /// The progress of a request to open a scene: sent at most once per percent, and at least every
-    /// few seconds while it is baked. May be left out for a client that reads slowly.
+    /// The progress of opening a scene: at most once a percent, at least every few seconds of a bake.
     Progress {
         /// The client's number of the request.
         id: RequestId,
         /// The progress so far.
         progress: OpenProgress,
     },
-    /// A warning about a request that succeeded, such as that it is not kept over a restart; comes
-    /// before the reply.
+    /// A warning about a request that succeeds, such as that no restart keeps it; before the reply.
     Warning {
         /// The client's number of the request.
         id: RequestId,
         /// The warning's text.
         warning: String,
     },
-    /// The manager's event loop works and leads the wall: sent every
-    /// [`CLIENT_HEARTBEAT_PERIOD`](crate::limits::CLIENT_HEARTBEAT_PERIOD), unless the client reads
-    /// slowly.
+    /// The manager's event loop works and leads the wall; sent every second.
     Heartbeat,
 }
 

@@ -157,8 +157,8 @@ impl Contender {
         Some(LeaseRecord { is_released: true, ..mine.clone() })
     }
 
-    /// Returns the end of the time in which this manager may lead, by both clocks; `None` if it does
-    /// not hold the lease.
+    /// Returns the end of the time in which this manager may lead, by both clocks; `None` if it
+    /// does not hold the lease.
     pub fn valid_until(&self) -> Option<ClockReading> {
         match self.state {
             State::Watching(_) => None,

@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::thread::{Builder, JoinHandle};
 
 use hyper::body::Incoming;
-use hyper::service::Service;
 use hyper_util::rt::TokioIo;
 use s3s::auth::SimpleAuth;
 use s3s::service::{S3Service, S3ServiceBuilder};
@@ -178,7 +177,7 @@ async fn accept(
                         return Ok(refusal.body(s3s::Body::empty()).expect("an answer"));
                     }
                 }
-                let answer = service.call(request).await;
+                let answer = hyper::service::Service::call(&service, request).await;
                 if part == Some(1) {
                     troubles.first_parts.send_modify(|parts| *parts += 1);
                 }

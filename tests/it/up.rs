@@ -140,7 +140,7 @@ fn all_processes_may_open_as_many_files_as_the_system_allows() {
         let limits = fs::read_to_string(format!("/proc/{pid}/limits")).expect("it runs");
         let line = limits.lines().find_map(|line| line.strip_prefix("Max open files"));
         let words: Vec<&str> = line.expect("a limit").split_whitespace().collect();
-        assert!(words[0] == words[1] && words[0] != "256", "{:?}: {words:?}", pid);
+        assert!(words[0] == words[1] && words[0] != "256", "{pid}: {words:?}");
     }
     up.signal(Signal::TERM);
     up.finish(wait::SOON).succeeded();

@@ -314,20 +314,16 @@ fn elements<'a>(
         0 => Some(0),
         _ => (count - 1).checked_mul(stride).and_then(|span| span.checked_add(size as u64)),
     };
-    match span.and_then(|span| bytes.part(offset, span)) {
-        Some(bytes) => {
-            if stride > STRIDE_USUAL {
-                // What lies between elements is read too.
-                source.reserve_elements(bytes.length / STRIDE_USUAL, place)?;
-            }
-            Ok(Elements { bytes, size, stride: stride as usize, count: count as usize })
-        }
-        None => {
-            let what = format!(
-                "{count} elements of {size} bytes, {stride} apart, from {offset} on reach out of \
-                 bufferViews[{view}]"
-            );
-            Err(BakeError::at(place, what, format!("the view has {} bytes", bytes.length)))
-        }
+    let Some(bytes) = span.and_then(|span| bytes.part(offset, span)) else {
+        let what = format!(
+            "{count} elements of {size} bytes, {stride} apart, from {offset} on reach out of \
+             bufferViews[{view}]"
+        );
+        return Err(BakeError::at(place, what, format!("the view has {} bytes", bytes.length)));
+    };
+    if stride > STRIDE_USUAL {
+        // What lies between elements is read too.
+        source.reserve_elements(bytes.length / STRIDE_USUAL, place)?;
     }
+    Ok(Elements { bytes, size, stride: stride as usize, count: count as usize })
 }

@@ -211,7 +211,8 @@ impl Pose {
         count: usize,
         place: &str,
     ) -> Result<Option<Vec<[f64; N]>>, BakeError> {
-        self.sums(job, json, (name, count), |accessor| accessor.floats::<N>(), place)
+        let read = |accessor: &Accessor<'_>| accessor.floats::<N>();
+        self.sums(job, json, (name, count), read, place)
     }
 
     /// The sums of weighted deltas of `COLOR_0`, if any target has it; those without alpha leave

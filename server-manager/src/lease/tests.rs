@@ -1,5 +1,5 @@
-//! Managers with clocks of different rates that stop at any step, and whose machines sleep: never do
-//! two lead at once.
+//! Managers with clocks of different rates that stop at any step, and whose machines sleep: never
+//! do two lead at once.
 
 use proptest::prelude::*;
 

@@ -386,18 +386,21 @@ mod tests {
         assert!(result.is_err());
         assert_eq!((turns.available_permits(), Arc::strong_count(&baker)), (1, 1));
     }
+
     /// The loop of a wall whose only display is not there, with a client and an open scene.
     fn start() -> (EventLoop, SessionId, OutboxReceiver) {
         let plane = Plane::upright(DVec3::NEG_Z, DVec2::splat(2.0));
         let size = UVec2::splat(64);
         let screens = vec![Screen::new("front", Surface::Plane(plane), size)];
         let wall = Wall::new("w", screens, vec![Channel::tile("a", 0, UVec2::ZERO, size)]);
+        let (program, store) = ("none".into(), "none".into());
+        let baker = Baker { program, memory_mib: 1, memory_remedy: "", store };
         let options = ManagerOptions {
             wall,
             token: String::new(),
             keys: None,
             scene_roots: Vec::new(),
-            baker: Baker { program: "none".into(), memory_mib: 1, store: "none".into() },
+            baker,
             memory: None,
             leadership: None,
             is_navigable: false,

@@ -288,7 +288,7 @@ mod tests {
             let (channels, missing) = (Vec::new(), Vec::new());
             let capture = Capture { frame: FrameId(1), screens, channels, missing };
             let pictures = ProofPictures::new(wall, &capture).expect("pictures");
-            pictures.place_of(&MeasuredPoint { screen, eye, ..point("c", 10.0, 0.0) })
+            pictures.place_of(&MeasuredPoint { eye, screen, ..point("c", 10.0, 0.0) })
         };
         let mono = ["front", "side"];
         assert_eq!(place(&wall, &mono, (0, Eye::Center)), DVec2::new(10.0, 8.0));
