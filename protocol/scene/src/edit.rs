@@ -87,6 +87,11 @@ impl AssetSet {
         self.first_material..self.first_material.saturating_add(self.materials)
     }
 
+    /// Returns the number of one of its materials, by its index in the manifest.
+    pub(crate) fn material_number(&self, index: u32) -> u32 {
+        self.first_material.saturating_add(index)
+    }
+
     /// The numbers of its textures.
     pub fn texture_range(&self) -> Range<u32> {
         self.first_texture..self.first_texture.saturating_add(self.textures)

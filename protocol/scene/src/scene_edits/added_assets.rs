@@ -20,6 +20,16 @@ fn fill<T: Clone>(list: &mut Vec<T>, len: u32, filler: Option<T>) {
     }
 }
 
+/// Returns the meshes of a file, whose materials get these numbers.
+fn meshes_of(from: &Scene, number: impl Fn(u32) -> u32) -> impl Iterator<Item = Mesh> {
+    from.meshes.iter().cloned().map(move |mut mesh| {
+        for primitive in &mut mesh.primitives {
+            primitive.material = primitive.material.map(&number);
+        }
+        mesh
+    })
+}
+
 impl SceneEdits {
     /// Returns the assets that were added.
     pub fn assets(&self) -> impl Iterator<Item = &AssetSet> {
@@ -59,11 +69,17 @@ impl SceneEdits {
         }
     }
 
-    /// The meshes of the scene, and those that were added behind them.
+    /// Returns the meshes of the scene, and those that were added, at their numbers. Each has the
+    /// materials of its own addition, also while it is drawn with equal ones of another: a client
+    /// that finds a material here changes that addition alone.
     pub fn all_meshes(&self, base: &Scene, added: &AssetManifests) -> Vec<Mesh> {
-        let mut scene = Scene { meshes: base.meshes.clone(), ..Scene::default() };
-        self.add_assets(&mut scene, added);
-        scene.meshes
+        let mut meshes = base.meshes.clone();
+        for set in self.sets_in_order() {
+            let Some(from) = added.get(&set.manifest) else { continue };
+            fill(&mut meshes, set.first_mesh, Some(Mesh::default()));
+            meshes.extend(meshes_of(from, |material| set.material_number(material)));
+        }
+        meshes
     }
 
     /// The sets in the order of their numbers.
@@ -93,16 +109,11 @@ impl SceneEdits {
                 material
             }));
             let numbers = self.drawn_materials(set, from, &mut unchanged);
-            scene.meshes.extend(from.meshes.iter().cloned().map(|mut mesh| {
-                for primitive in &mut mesh.primitives {
-                    let number = |material: u32| {
-                        let own = set.first_material.saturating_add(material);
-                        numbers.get(material as usize).copied().unwrap_or(own)
-                    };
-                    primitive.material = primitive.material.map(number);
-                }
-                mesh
-            }));
+            let number = |material: u32| {
+                let known = numbers.get(material as usize).copied();
+                known.unwrap_or_else(|| set.material_number(material))
+            };
+            scene.meshes.extend(meshes_of(from, number));
         }
     }
 
@@ -116,7 +127,7 @@ impl SceneEdits {
         unchanged: &mut BTreeMap<(BlobHash, u32), u32>,
     ) -> Vec<u32> {
         let number = |material: u32| {
-            let own = set.first_material.saturating_add(material);
+            let own = set.material_number(material);
             if self.has_material(own) {
                 return own;
             }

@@ -1,5 +1,7 @@
 //! Edits against a model that keeps every node with its children, and what they leave behind.
 
+mod added_assets;
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{Affine2, DVec3, Vec3};

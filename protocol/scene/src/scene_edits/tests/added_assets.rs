@@ -1,0 +1,44 @@
+//! Assets that were added: their numbers, and what is drawn and found of them.
+
+use super::*;
+
+/// The names of the materials of a mesh, one behind the other.
+fn names_of(mesh: &Mesh, materials: &[Material]) -> String {
+    let numbers = mesh.primitives.iter().filter_map(|of| of.material);
+    numbers.map(|material| materials[material as usize].name.as_str()).collect()
+}
+
+/// The names of the materials with which each node is drawn that was made.
+fn drawn(base: &Scene, edits: &SceneEdits, manifests: &AssetManifests) -> String {
+    let (scene, _) = edits.apply_to(base, manifests);
+    assert_eq!(scene.fault(), None);
+    let made = &scene.nodes[base.nodes.len()..];
+    let meshes = made.iter().filter_map(|node| scene.meshes.get(node.mesh? as usize));
+    let looks: Vec<String> = meshes.map(|mesh| names_of(mesh, &scene.materials)).collect();
+    looks.join(" ")
+}
+
+fn paint(material: u32, name: &str) -> Edit {
+    let to = Material { name: name.into(), ..Material::default() };
+    Edit::SetMaterial { material, to: to.into() }
+}
+
+#[test]
+fn a_pick_names_the_material_that_paints_what_was_picked_alone() {
+    let (base, file) = (base(), painted());
+    let (mut edits, manifests) = added_times(&base, &file, 3);
+    assert_eq!(drawn(&base, &edits, &manifests), "redwhite redwhite redwhite");
+    let second = edits.sets_in_order()[1].clone();
+    let found = |edits: &SceneEdits, primitive: usize| {
+        let meshes = edits.all_meshes(&base, &manifests);
+        assert_eq!(meshes.len(), 3);
+        meshes[second.first_mesh as usize].primitives[primitive].material.expect("one")
+    };
+    let picked = found(&edits, 0);
+    edits.apply(paint(picked, "blue"));
+    assert_eq!(drawn(&base, &edits, &manifests), "redwhite bluewhite redwhite");
+    assert_eq!(found(&edits, 0), picked, "the material is the same once it is changed");
+    let picked = found(&edits, 1);
+    edits.apply(paint(picked, "black"));
+    assert_eq!(drawn(&base, &edits, &manifests), "redwhite blueblack redwhite");
+}
