@@ -20,11 +20,14 @@ fn fill<T: Clone>(list: &mut Vec<T>, len: u32, filler: Option<T>) {
     }
 }
 
-/// Returns the meshes of a file, whose materials get these numbers.
+/// Returns the meshes of a file, whose materials get these numbers. They are as they are at rest:
+/// what would bend them names nodes of their file, and is left out of a scene that it is added to.
 fn meshes_of(from: &Scene, number: impl Fn(u32) -> u32) -> impl Iterator<Item = Mesh> {
     from.meshes.iter().cloned().map(move |mut mesh| {
         for primitive in &mut mesh.primitives {
             primitive.material = primitive.material.map(&number);
+            // With it, servers would hold the vertices once for each addition.
+            primitive.deformed = None;
         }
         mesh
     })

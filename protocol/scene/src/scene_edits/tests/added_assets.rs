@@ -1,6 +1,7 @@
 //! Assets that were added: their numbers, and what is drawn and found of them.
 
 use super::*;
+use crate::deformation::DeformedPrimitive;
 
 /// The names of the materials of a mesh, one behind the other.
 fn names_of(mesh: &Mesh, materials: &[Material]) -> String {
@@ -41,4 +42,30 @@ fn a_pick_names_the_material_that_paints_what_was_picked_alone() {
     let picked = found(&edits, 1);
     edits.apply(paint(picked, "black"));
     assert_eq!(drawn(&base, &edits, &manifests), "redwhite blueblack redwhite");
+}
+
+#[test]
+fn nothing_bends_what_was_added_so_that_its_vertices_are_held_once() {
+    let (mut base, mut file) = (base(), painted());
+    let described = DeformedPrimitive {
+        blob: BlobHash::of(b"joints"),
+        bytes: 8,
+        joint_sets: 1,
+        joint_count: 1,
+        target_count: 0,
+        is_flat: false,
+    };
+    for primitive in &mut file.meshes[0].primitives {
+        primitive.deformed = Some(described);
+    }
+    base.meshes.clone_from(&file.meshes);
+    let (edits, manifests) = added_times(&base, &file, 2);
+    let (scene, _) = edits.apply_to(&base, &manifests);
+    assert_eq!(scene.fault(), None);
+    for meshes in [scene.meshes, edits.all_meshes(&base, &manifests)] {
+        let is_bent = |mesh: &Mesh| mesh.primitives.iter().all(|of| of.deformed.is_some());
+        assert_eq!(meshes.iter().map(is_bent).collect::<Vec<_>>(), [true, false, false]);
+        let blobs = |mesh: &Mesh| mesh.primitives.iter().map(|of| of.blob).collect::<Vec<_>>();
+        assert_eq!(blobs(&meshes[1]), blobs(&meshes[2]));
+    }
 }
