@@ -1,9 +1,7 @@
 //! The data of a scene that suffice to check an edit of it.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 
-use polyptych_files::blob::BlobHash;
 use serde::{Deserialize, Serialize};
 
 use crate::edit::{AssetSet, Edit, NewNode, NodeId};
@@ -15,6 +13,7 @@ use crate::node_edits::NodeEdits;
 use crate::scene_edits::SceneEdits;
 use crate::{Material, Scene, endless_lights, find_variant};
 
+mod assets;
 mod values;
 
 pub use values::{CAMERA_KEY, check_attribute};
@@ -87,10 +86,6 @@ pub enum EditError {
     #[error("{0}")]
     TooLarge(String),
 }
-
-/// Most meshes, materials or textures of a scene, those included that were added and are gone: an
-/// entry of each is kept.
-const ASSETS_MAX: u32 = 1 << 20;
 
 impl From<&Scene> for SceneOutline {
     fn from(scene: &Scene) -> Self {
@@ -225,39 +220,6 @@ impl SceneOutline {
             }
             _ => Ok(()),
         }
-    }
-
-    /// The numbers that added assets get: behind all that are there. `primitives` are those of each
-    /// mesh.
-    ///
-    /// # Errors
-    /// [`EditError::TooLarge`].
-    pub fn place_assets(
-        &self,
-        edits: &SceneEdits,
-        manifest: BlobHash,
-        primitives: Vec<u32>,
-        [materials, textures]: [u32; 2],
-    ) -> Result<AssetSet, EditError> {
-        let end = |own: u32, range: fn(&AssetSet) -> Range<u32>| {
-            edits.assets().map(|set| range(set).end).fold(own, u32::max)
-        };
-        let set = AssetSet {
-            manifest,
-            first_mesh: end(self.meshes.len() as u32, AssetSet::mesh_range),
-            primitives,
-            first_material: end(self.materials, AssetSet::material_range),
-            materials,
-            first_texture: end(self.textures, AssetSet::texture_range),
-            textures,
-        };
-        let ends = [set.mesh_range(), set.material_range(), set.texture_range()].map(|of| of.end);
-        if ends.into_iter().any(|end| end > ASSETS_MAX) {
-            return Err(EditError::TooLarge(format!(
-                "the scene would have more than {ASSETS_MAX} meshes, materials or textures"
-            )));
-        }
-        Ok(set)
     }
 
     /// Checks that all edits together are of a size that can be held, sent and drawn.
@@ -428,14 +390,6 @@ impl SceneOutline {
             (next, depth) = (self.parent(above, of), depth + 1);
         }
         Ok(())
-    }
-
-    /// Primitives of a mesh, if it is there.
-    fn primitives(&self, edits: &SceneEdits, mesh: u32) -> Option<u32> {
-        self.meshes.get(mesh as usize).copied().or_else(|| {
-            let set = edits.assets().find(|set| set.mesh_range().contains(&mesh))?;
-            set.primitives.get((mesh - set.first_mesh) as usize).copied()
-        })
     }
 
     fn check_new(&self, edits: &SceneEdits, new: &NewNode) -> Result<(), String> {
