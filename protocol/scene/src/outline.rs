@@ -249,11 +249,13 @@ impl SceneOutline {
     fn check_draws(&self, edits: &SceneEdits) -> Result<(), EditError> {
         // What was taken away or hidden is not subtracted: it may come back.
         let (mut draws, mut lights) = (self.draws, self.lights);
+        // Sorted once: there may be thousands of them, and of nodes far more.
+        let sets = edits.sets_in_order();
         for (node, of) in edits.nodes() {
             let made = of.created.as_ref();
             let copies = u32::try_from(node.0).ok().and_then(|node| self.copies.get(&node));
             let mesh = of.mesh.unwrap_or(made.and_then(|new| new.mesh));
-            let primitives = mesh.and_then(|mesh| self.primitives(edits, mesh));
+            let primitives = mesh.and_then(|mesh| self.primitives(&sets, mesh));
             let primitives = u64::from(primitives.unwrap_or(0));
             draws = draws.saturating_add(primitives * u64::from(*copies.unwrap_or(&1)));
             let made_with = || made.and_then(|new| new.light.as_ref());
@@ -400,7 +402,7 @@ impl SceneOutline {
     }
 
     fn check_mesh(&self, edits: &SceneEdits, mesh: Option<u32>) -> Result<(), String> {
-        match mesh.filter(|mesh| self.primitives(edits, *mesh).is_none()) {
+        match mesh.filter(|mesh| !self.has_mesh(edits, *mesh)) {
             Some(mesh) => {
                 Err(format!("there is no mesh {mesh}; the scene's file has {}", self.meshes.len()))
             }

@@ -46,10 +46,18 @@ impl SceneOutline {
         Ok(set)
     }
 
-    /// Primitives of a mesh, if it is there.
-    pub(super) fn primitives(&self, edits: &SceneEdits, mesh: u32) -> Option<u32> {
+    /// Returns whether a mesh is there.
+    pub(super) fn has_mesh(&self, edits: &SceneEdits, mesh: u32) -> bool {
+        (mesh as usize) < self.meshes.len()
+            || edits.assets().any(|set| set.mesh_range().contains(&mesh))
+    }
+
+    /// Returns the number of primitives of a mesh, if it is there. `sets` are those that were
+    /// added, in the order of their meshes.
+    pub(super) fn primitives(&self, sets: &[&AssetSet], mesh: u32) -> Option<u32> {
         self.meshes.get(mesh as usize).copied().or_else(|| {
-            let set = edits.assets().find(|set| set.mesh_range().contains(&mesh))?;
+            let before = sets.partition_point(|set| set.first_mesh <= mesh);
+            let set = sets[..before].last()?;
             set.primitives.get((mesh - set.first_mesh) as usize).copied()
         })
     }

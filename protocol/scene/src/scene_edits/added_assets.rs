@@ -86,7 +86,7 @@ impl SceneEdits {
     }
 
     /// The sets in the order of their numbers.
-    pub(super) fn sets_in_order(&self) -> Vec<&AssetSet> {
+    pub(crate) fn sets_in_order(&self) -> Vec<&AssetSet> {
         let mut sets: Vec<&AssetSet> = self.assets().collect();
         sets.sort_by_key(|set| (set.first_mesh, set.first_material, set.first_texture));
         sets
@@ -150,10 +150,12 @@ impl SceneEdits {
             return MeshCrowds::default();
         }
         let mut crowds = MeshCrowds::new(meshes);
-        crowds.add_file(base, 0);
+        crowds.add(0, &MeshCrowds::of_file(base));
+        let mut known = BTreeMap::new();
         for set in self.assets() {
             if let Some(from) = added.get(&set.manifest) {
-                crowds.add_file(from, set.first_mesh);
+                let of_file = || MeshCrowds::of_file(from);
+                crowds.add(set.first_mesh, known.entry(set.manifest).or_insert_with(of_file));
             }
         }
         crowds

@@ -20,15 +20,23 @@ impl MeshCrowds {
         Self(vec![0.0; meshes])
     }
 
-    /// Adds those of a file, whose first mesh has this number.
-    pub fn add_file(&mut self, file: &Scene, first_mesh: u32) {
+    /// Those of the meshes of a file, by their indices in it.
+    pub fn of_file(file: &Scene) -> Self {
+        let mut crowds = Self::new(file.meshes.len());
         for node in &file.nodes {
-            let Some(mesh) = node.mesh.map(|mesh| first_mesh.saturating_add(mesh)) else {
-                continue;
-            };
-            if let Some(largest) = self.0.get_mut(mesh as usize) {
+            let Some(mesh) = node.mesh else { continue };
+            if let Some(largest) = crowds.0.get_mut(mesh as usize) {
                 *largest = largest.max(node.crowd);
             }
+        }
+        crowds
+    }
+
+    /// Adds those of a file, whose first mesh has this number.
+    pub fn add(&mut self, first_mesh: u32, of_file: &Self) {
+        let own = self.0.iter_mut().skip(first_mesh as usize);
+        for (own, of_file) in own.zip(&of_file.0) {
+            *own = own.max(*of_file);
         }
     }
 
@@ -121,9 +129,7 @@ mod tests {
     /// of the others.
     fn crowds() -> MeshCrowds {
         let nodes = vec![node(Some(0), 8.0), node(Some(0), 20.0), node(Some(1), 0.0)];
-        let mut crowds = MeshCrowds::new(5);
-        crowds.add_file(&Scene { nodes, ..Scene::default() }, 0);
-        crowds
+        MeshCrowds::of_file(&Scene { nodes, meshes: vec![Mesh::default(); 5], ..Scene::default() })
     }
 
     #[test]

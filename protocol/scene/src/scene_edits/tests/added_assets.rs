@@ -69,3 +69,52 @@ fn nothing_bends_what_was_added_so_that_its_vertices_are_held_once() {
         assert_eq!(blobs(&meshes[1]), blobs(&meshes[2]));
     }
 }
+
+#[test]
+fn what_nodes_draw_of_many_additions_is_counted() {
+    use crate::limits::DRAWS_MAX;
+
+    let (outline, mut edits) = (SceneOutline::from(&base()), SceneEdits::default());
+    // Of three additions of three meshes each, the last mesh of the second is too large.
+    for (manifest, last) in [(1, 2), (2, DRAWS_MAX as u32 + 1), (3, 4)] {
+        let manifest = BlobHash([manifest; 32]);
+        let set = outline.place_assets(&edits, manifest, vec![1, 1, last], [1, 0]).expect("room");
+        edits.apply(Edit::AddAssets(set.into()));
+    }
+    let gone = edits.sets_in_order()[0].id();
+    let may_show = |edits: &SceneEdits, mesh: u32| {
+        let mut edits = edits.clone();
+        let shown = Edit::SetMesh { node: NodeId(4), mesh: Some(mesh) };
+        let is_there = outline.check(&edits, &shown).is_ok();
+        edits.apply(shown);
+        (is_there, outline.check_size(&edits).is_ok())
+    };
+    for mesh in 0..10 {
+        assert_eq!(may_show(&edits, mesh), (mesh < 9, mesh != 5), "{mesh}");
+    }
+    edits.apply(Edit::RemoveAssets(gone));
+    for mesh in 0..10 {
+        let is_there = (3..9).contains(&mesh);
+        assert_eq!(may_show(&edits, mesh), (is_there, mesh != 5), "{mesh}, with a gap");
+    }
+}
+
+#[test]
+fn each_addition_has_the_crowds_of_its_file() {
+    let (base, mut file) = (base(), painted());
+    file.meshes.insert(0, Mesh::default());
+    for node in &mut file.nodes {
+        node.mesh = Some(1);
+    }
+    let (edits, manifests) = added_times(&base, &file, 3);
+    let (scene, _) = edits.apply_to(&base, &manifests);
+    let crowds = edits.mesh_crowds(&base, &manifests, scene.meshes.len());
+    for first in [0, 2, 4] {
+        let given = |mesh: u32| {
+            let mut node = Node::default();
+            crowds.give_mesh(&mut node, Some(mesh), &scene.meshes);
+            node.crowd
+        };
+        assert_eq!([given(first), given(first + 1)], [0.0, 30.0], "{first}");
+    }
+}
