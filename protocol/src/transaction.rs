@@ -101,7 +101,8 @@ impl NewAssets {
 }
 
 /// The numbers that assets got: the first of each kind; the others follow. Meshes are in the order
-/// in which the nodes of their file show them.
+/// in which the nodes of their file show them. Once nothing uses the assets any more, others may
+/// get the numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AssetNumbers {
     /// The number of its first mesh, as [`NewNode::mesh`].

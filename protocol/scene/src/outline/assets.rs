@@ -8,13 +8,28 @@ use super::{EditError, SceneOutline};
 use crate::edit::AssetSet;
 use crate::scene_edits::SceneEdits;
 
-/// Most meshes, materials or textures of a scene, those included that were added and are gone: an
-/// entry of each is kept.
+/// Maximum number of meshes, materials or textures of a scene. Numbers count that nothing has and
+/// that lie before others: an entry of each is kept.
 const ASSETS_MAX: u32 = 1 << 20;
 
+/// Returns the first number from `own` on at which so many follow that are in no range.
+fn first_gap(own: u32, count: u32, taken: impl Iterator<Item = Range<u32>>) -> u32 {
+    let mut taken: Vec<Range<u32>> = taken.filter(|range| !range.is_empty()).collect();
+    taken.sort_unstable_by_key(|range| range.start);
+    let mut first = own;
+    for range in taken {
+        if range.start >= first.saturating_add(count) {
+            break;
+        }
+        first = first.max(range.end);
+    }
+    first
+}
+
 impl SceneOutline {
-    /// The numbers that added assets get: behind all that are there. `primitives` are those of each
-    /// mesh.
+    /// Returns the numbers that added assets get: of each kind the first gap behind those of the
+    /// scene's file that is large enough, so that the numbers of what has gone are given again.
+    /// `primitives` are those of each mesh.
     ///
     /// # Errors
     /// [`EditError::TooLarge`].
@@ -25,16 +40,17 @@ impl SceneOutline {
         primitives: Vec<u32>,
         [materials, textures]: [u32; 2],
     ) -> Result<AssetSet, EditError> {
-        let end = |own: u32, range: fn(&AssetSet) -> Range<u32>| {
-            edits.assets().map(|set| range(set).end).fold(own, u32::max)
+        let first = |own: u32, count: u32, range: fn(&AssetSet) -> Range<u32>| {
+            first_gap(own, count, edits.assets().map(range))
         };
+        let (own_meshes, meshes) = (self.meshes.len() as u32, primitives.len() as u32);
         let set = AssetSet {
             manifest,
-            first_mesh: end(self.meshes.len() as u32, AssetSet::mesh_range),
+            first_mesh: first(own_meshes, meshes, AssetSet::mesh_range),
             primitives,
-            first_material: end(self.materials, AssetSet::material_range),
+            first_material: first(self.materials, materials, AssetSet::material_range),
             materials,
-            first_texture: end(self.textures, AssetSet::texture_range),
+            first_texture: first(self.textures, textures, AssetSet::texture_range),
             textures,
         };
         let ends = [set.mesh_range(), set.material_range(), set.texture_range()].map(|of| of.end);

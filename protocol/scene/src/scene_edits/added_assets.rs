@@ -13,10 +13,17 @@ use super::{AssetManifests, SceneEdits};
 use crate::edit::{AssetSet, AssetSetId};
 use crate::{Material, Mesh, Scene};
 
-/// Makes a list as long as this number says, if it is shorter.
-fn fill<T: Clone>(list: &mut Vec<T>, len: u32, filler: Option<T>) {
-    if let Some(filler) = filler.filter(|_| list.len() < len as usize) {
-        list.resize(len as usize, filler);
+/// Puts values into a list at their numbers, of which the first is given. Numbers before them that
+/// the list lacks get the filler.
+fn place<T: Clone>(list: &mut Vec<T>, first: u32, values: impl Iterator<Item = T>, filler: &T) {
+    for (at, value) in (first as usize..).zip(values) {
+        if list.len() < at {
+            list.resize(at, filler.clone());
+        }
+        match list.get_mut(at) {
+            Some(slot) => *slot = value,
+            None => list.push(value),
+        }
     }
 }
 
@@ -79,8 +86,8 @@ impl SceneEdits {
         let mut meshes = base.meshes.clone();
         for set in self.sets_in_order() {
             let Some(from) = added.get(&set.manifest) else { continue };
-            fill(&mut meshes, set.first_mesh, Some(Mesh::default()));
-            meshes.extend(meshes_of(from, |material| set.material_number(material)));
+            let own = meshes_of(from, |material| set.material_number(material));
+            place(&mut meshes, set.first_mesh, own, &Mesh::default());
         }
         meshes
     }
@@ -92,31 +99,30 @@ impl SceneEdits {
         sets
     }
 
-    /// Puts what was added to its places behind what a scene has. Numbers that nothing has are
-    /// those of a mesh without primitives, of a default material, and of a texture that is there
-    /// anyway.
+    /// Puts what was added to its places behind what a scene has. Of two sets, one may have the
+    /// lower meshes and the other the lower materials. Numbers that nothing has are those of a mesh
+    /// without primitives, of a default material, and of a texture that is there anyway.
     pub(super) fn add_assets(&self, scene: &mut Scene, added: &AssetManifests) {
         let mut unchanged = BTreeMap::new();
         for set in self.sets_in_order() {
             let Some(from) = added.get(&set.manifest) else { continue };
-            let filler = from.textures.first().or(scene.textures.first()).cloned();
-            let first_texture = if from.textures.is_empty() { 0 } else { set.first_texture };
-            fill(&mut scene.meshes, set.first_mesh, Some(Mesh::default()));
-            fill(&mut scene.materials, set.first_material, Some(Material::default()));
-            fill(&mut scene.textures, first_texture, filler);
-            scene.textures.extend(from.textures.iter().cloned());
-            scene.materials.extend(from.materials.iter().cloned().map(|mut material| {
+            if let Some(filler) = from.textures.first() {
+                let textures = from.textures.iter().cloned();
+                place(&mut scene.textures, set.first_texture, textures, filler);
+            }
+            let materials = from.materials.iter().cloned().map(|mut material| {
                 for of in material.textures_mut() {
                     of.texture = of.texture.saturating_add(set.first_texture);
                 }
                 material
-            }));
+            });
+            place(&mut scene.materials, set.first_material, materials, &Material::default());
             let numbers = self.drawn_materials(set, from, &mut unchanged);
             let number = |material: u32| {
                 let known = numbers.get(material as usize).copied();
                 known.unwrap_or_else(|| set.material_number(material))
             };
-            scene.meshes.extend(meshes_of(from, number));
+            place(&mut scene.meshes, set.first_mesh, meshes_of(from, number), &Mesh::default());
         }
     }
 

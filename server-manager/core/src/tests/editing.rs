@@ -386,6 +386,26 @@ fn assets_have_numbers_behind_all_others_and_go_when_nothing_uses_them() {
 }
 
 #[test]
+fn a_file_that_replaces_itself_again_and_again_takes_the_numbers_of_two() {
+    let mut stage = ClusterFixture::with_house(1);
+    let mut shown = None;
+    for turn in [0, 1, 0, 1, 0] {
+        let mut transaction = bringing(1, 2);
+        if let Some(node) = shown {
+            transaction.remove(node);
+        }
+        let id = stage.edit(transaction);
+        stage.prepare_all();
+        stage.draw(&[0], 1_000);
+        let edited = stage.edited(id).expect("an answer").clone();
+        let numbers = edited.assets.expect("numbers");
+        assert_eq!((numbers.first_mesh, numbers.first_material), (turn * 2, turn));
+        assert_eq!(stage.cluster.shown.edits.assets().count(), 1);
+        shown = Some(edited.created[0]);
+    }
+}
+
+#[test]
 fn a_file_without_meshes_brings_nodes_and_notes_alone() {
     let mut stage = ClusterFixture::with_house(1);
     let assets = BakedAssets {
