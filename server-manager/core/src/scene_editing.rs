@@ -15,7 +15,9 @@ use polyptych_protocol::state_log::Operation;
 use polyptych_protocol::transaction::{
     AssetNumbers, AssetSource, BakedAssets, NewAssets, Transaction,
 };
-use polyptych_scene::{AssetSet, Edit, NodeId, SceneEdits, SceneOutline, provisional_asset_index};
+use polyptych_scene::{
+    AssetSet, AssetSetId, Edit, NodeId, SceneEdits, SceneOutline, provisional_asset_index,
+};
 use serde::{Deserialize, Serialize};
 use temporary::TemporaryNodes;
 
@@ -51,15 +53,19 @@ pub enum EditTarget {
     Layer(String),
     /// The variant that is shown.
     Variant,
+    /// Assets that were added.
+    Assets(AssetSetId),
 }
 
 impl EditTarget {
-    /// Returns the part that an edit changes; `None` for one of assets.
+    /// Returns the part that an edit changes.
     pub fn of(edit: &Edit) -> Option<Self> {
         match edit {
             Edit::SetMaterial { material, .. } => Some(Self::Material(*material)),
             Edit::SetLayerVisible { layer, .. } => Some(Self::Layer(layer.clone())),
             Edit::SetVariant(_) => Some(Self::Variant),
+            Edit::AddAssets(set) => Some(Self::Assets(set.id())),
+            Edit::RemoveAssets(id) => Some(Self::Assets(*id)),
             other => other.node().map(Self::Node),
         }
     }
@@ -72,6 +78,7 @@ impl std::fmt::Display for EditTarget {
             Self::Material(material) => write!(f, "material {material}"),
             Self::Layer(layer) => write!(f, "layer {layer}"),
             Self::Variant => f.write_str("the variant"),
+            Self::Assets(_) => f.write_str("added assets"),
         }
     }
 }
@@ -284,17 +291,30 @@ impl SceneEditing {
                 self.since
             ));
         }
-        match self.changed.get(&target) {
-            Some(Some(revision)) if *revision > base => Err(format!(
-                "{target} was changed at revision {revision}, and this builds on {base}; read it \
-                 again, and decide anew"
-            )),
-            Some(None) => Err(format!(
-                "{target} is being changed by another transaction, and this builds on {base}; read \
-                 it again, and decide anew"
-            )),
-            _ => Ok(()),
+        // A material that came since has the number of another that the client may have seen.
+        let came_with = match &target {
+            EditTarget::Material(material) => self.accepted.assets_of_material(*material),
+            _ => None,
+        };
+        let came_with = came_with.map(EditTarget::Assets);
+        for changed in std::iter::once(&target).chain(&came_with) {
+            match self.changed.get(changed) {
+                Some(Some(revision)) if *revision > base => {
+                    return Err(format!(
+                        "{target} was changed at revision {revision}, and this builds on {base}; \
+                         read it again, and decide anew"
+                    ));
+                }
+                Some(None) => {
+                    return Err(format!(
+                        "{target} is being changed by another transaction, and this builds on \
+                         {base}; read it again, and decide anew"
+                    ));
+                }
+                _ => {}
+            }
         }
+        Ok(())
     }
 }
 
@@ -420,7 +440,12 @@ impl Cluster {
                 let of_file = self.editing.outline.as_ref().is_some_and(|of| node.0 < of.nodes());
                 !of_file && self.shown.edits.node(node).is_none()
             };
-            if matches!(target, EditTarget::Node(node) if is_gone(node)) {
+            let is_gone = match &target {
+                EditTarget::Node(node) => is_gone(*node),
+                EditTarget::Assets(id) => !self.shown.edits.has_assets(*id),
+                _ => false,
+            };
+            if is_gone {
                 self.editing.changed.remove(&target);
             } else {
                 self.editing.changed.insert(target, Some(revision));

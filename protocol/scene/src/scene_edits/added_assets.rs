@@ -46,6 +46,18 @@ impl SceneEdits {
         self.assets.values().map(|set| &set.value)
     }
 
+    /// Returns whether the scene has a set of assets.
+    pub fn has_assets(&self, id: AssetSetId) -> bool {
+        self.assets.get(&id).is_some()
+    }
+
+    /// Returns the assets that a material came with; `None` for one of the scene's file.
+    pub fn assets_of_material(&self, material: u32) -> Option<AssetSetId> {
+        let has_it = |set: &AssetSet| set.material_range().contains(&material);
+        let (id, _) = self.assets.iter().find(|(_, set)| has_it(&set.value))?;
+        Some(*id)
+    }
+
     /// The manifests of all assets that were added, each once.
     pub fn asset_manifests(&self) -> BTreeSet<BlobHash> {
         self.assets().map(|set| set.manifest).collect()

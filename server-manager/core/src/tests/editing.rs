@@ -6,7 +6,7 @@ use polyptych_protocol::environment::{Environment, EnvironmentSource};
 use polyptych_protocol::feedback::Edited;
 use polyptych_protocol::transaction::{AssetSource, BakedAssets, Transaction};
 use polyptych_scene::{
-    AssetSetId, Edit, NewNode, Node, NodeId, Scene, SceneOutline, provisional_asset,
+    AssetSetId, Edit, Material, NewNode, Node, NodeId, Scene, SceneOutline, provisional_asset,
 };
 
 use super::super::scene_editing::TRANSACTIONS_MAX;
@@ -403,6 +403,32 @@ fn a_file_that_replaces_itself_again_and_again_takes_the_numbers_of_two() {
         assert_eq!(stage.cluster.shown.edits.assets().count(), 1);
         shown = Some(edited.created[0]);
     }
+}
+
+#[test]
+fn a_client_that_saw_another_material_of_a_number_is_refused() {
+    let mut stage = ClusterFixture::with_house(1);
+    let show = |stage: &mut ClusterFixture, transaction: Transaction| {
+        let id = stage.edit(transaction);
+        stage.prepare_all();
+        stage.draw(&[0], 1_000);
+        stage.edited(id).expect("an answer").clone()
+    };
+    let first = show(&mut stage, bringing(1, 1));
+    let mut gone = Transaction::default();
+    gone.remove(first.created[0]);
+    show(&mut stage, gone);
+    let second = show(&mut stage, bringing(2, 1));
+    assert_eq!(second.assets, first.assets, "the numbers are given again");
+    let paint = |base: Revision| {
+        let mut transaction = Transaction::based_on(base);
+        transaction.set_material(0, Material::default());
+        transaction
+    };
+    let refusal = stage.refusal(paint(first.revision));
+    assert!(refusal.contains("material 0 was changed at revision"), "{refusal}");
+    show(&mut stage, paint(second.revision));
+    assert!(stage.cluster.shown.edits.assets_of_material(0).is_some());
 }
 
 #[test]
