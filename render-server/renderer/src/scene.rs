@@ -48,7 +48,7 @@ pub(crate) use identity::SceneIdentity;
 pub(crate) use lamp_grid::LampGrid;
 pub use layout::SceneLayout;
 pub(crate) use light::{DirectionalLight, LocalLight};
-pub(crate) use material::{MaterialGroups, MaterialUniform};
+pub(crate) use material::{MaterialUniform, Materials};
 pub(crate) use material_extension::{ExtensionFeatures, ExtensionUniform};
 pub(crate) use meshlet::{MeshletCull, Meshlets, joined};
 pub use moved_items::{MovedItems, MovedNode};
@@ -60,7 +60,7 @@ pub(crate) use triangle_order::TriangleOrder;
 pub(crate) struct Batch {
     /// An index into [`GpuScene::geometries`].
     pub geometry: u32,
-    /// An index into [`GpuScene::materials`].
+    /// Its number in [`GpuScene::materials`].
     pub material: u32,
     /// An index into [`SceneLayout::keys`].
     pub pipeline: u32,
@@ -92,7 +92,7 @@ pub struct GpuScene {
     pub(crate) geometries: Arc<Vec<Geometry>>,
     /// For each batch, whether its triangles are drawn in the order of their distances.
     ordered: Arc<[bool]>,
-    pub(crate) materials: Arc<Vec<MaterialGroups>>,
+    pub(crate) materials: Arc<Materials>,
     pub(crate) lamp_indices: wgpu::Buffer,
     /// By slot; what materials are made of.
     textures: Arc<Vec<wgpu::TextureView>>,
@@ -151,7 +151,8 @@ impl GpuScene {
         if !is_same && !layout.shares_content_with(&self.layout) {
             return Err(SceneError::Description("it is another scene".to_owned()));
         }
-        let materials = if is_same || layout.has_materials_of(&self.layout) {
+        let has_all = || layout.has_materials_of(&self.layout) && self.materials.serve(&layout);
+        let materials = if is_same || has_all() {
             Arc::clone(&self.materials)
         } else {
             Arc::new(builder::materials(gpu, &layout, &self.textures))

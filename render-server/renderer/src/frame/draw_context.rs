@@ -237,8 +237,8 @@ impl DrawContext<'_> {
                 self.bind_frame(pass, view, !transmitted);
             }
         }
-        if let Some(material) = material.filter(|of| last.is_none_or(|l| l.material != Some(*of))) {
-            let groups = &self.scene.materials[material as usize];
+        let material = material.filter(|of| last.is_none_or(|l| l.material != Some(*of)));
+        if let Some(groups) = material.and_then(|of| self.scene.materials.get(of)) {
             pass.set_bind_group(2, &groups.material, &[]);
             if let Some(extensions) = &groups.extensions {
                 pass.set_bind_group(3, &extensions.group, &[]);
@@ -280,7 +280,7 @@ impl DrawContext<'_> {
 struct DrawState<'a> {
     /// An index into the scene's pipeline keys.
     pipeline: u32,
-    /// An index into the scene's materials; `None` where pipelines read none.
+    /// Its number in the scene's materials; `None` where pipelines read none.
     material: Option<u32>,
     vertices: &'a wgpu::Buffer,
     indices: (&'a wgpu::Buffer, wgpu::IndexFormat),

@@ -12,7 +12,7 @@ use super::geometry_room::{GeometryRoom, SharedRoom};
 use super::layout::SceneLayout;
 use super::meshlet::Meshlets;
 use super::outline::Outline;
-use super::{GpuScene, MaterialGroups, material, outline, texture, triangle_order};
+use super::{GpuScene, Materials, material, outline, texture, triangle_order};
 use crate::gpu::Gpu;
 
 /// Why a scene cannot be brought to the GPU.
@@ -66,8 +66,8 @@ pub struct SceneBuilder {
     geometries: Vec<Option<Geometry>>,
     /// Edges and vertices of some of them.
     outlines: Vec<Option<Geometry>>,
-    /// Bindings of all materials, where they are those of a scene that is there.
-    materials: Option<Arc<Vec<MaterialGroups>>>,
+    /// Bindings of materials, where they are those of a scene that is there.
+    materials: Option<Arc<Materials>>,
     levels_left_out: u32,
     /// `None` before the first primitive came.
     room: Option<GeometryRoom>,
@@ -123,7 +123,8 @@ impl SceneBuilder {
         let outlines = self.layout.shared_outlines(&with.layout).into_iter();
         self.outlines = outlines.map(|slot| Some(with.geometries[slot?].clone())).collect();
         let is_same = self.layout.has_materials_of(&with.layout)
-            && self.layout.desc.textures == with.layout.desc.textures;
+            && self.layout.desc.textures == with.layout.desc.textures
+            && with.materials.serve(&self.layout);
         self.materials = is_same.then(|| Arc::clone(&with.materials));
         self
     }
@@ -281,12 +282,12 @@ fn missing_geometries(layout: &SceneLayout, there: &[Option<Geometry>]) -> Share
     SharedRoom::new(missing.map(|(_, primitive)| primitive))
 }
 
-/// The bindings of all materials of a layout, whose textures are given by slot.
+/// The bindings of the materials that a layout draws, whose textures are given by slot.
 pub(super) fn materials(
     gpu: &Gpu,
     layout: &SceneLayout,
     textures: &[wgpu::TextureView],
-) -> Vec<MaterialGroups> {
+) -> Materials {
     let mut known = HashMap::new();
     let mut sampler =
         |desc| known.entry(desc).or_insert_with(|| texture::sampler(gpu, desc)).clone();
@@ -294,7 +295,7 @@ pub(super) fn materials(
     let samplers: Vec<_> = described.chain([Sampler::default()]).map(&mut sampler).collect();
     let uploaded = layout.textures.of.iter().map(|&slot| textures[slot].clone());
     let views: Vec<_> = uploaded.chain([texture::placeholder(gpu)]).collect();
-    material::bind_groups(gpu, &layout.desc, &layout.styled, &views, &samplers)
+    material::bind_groups(gpu, layout, &views, &samplers)
 }
 
 fn nowhere(what: &str) -> SceneError {

@@ -3,9 +3,10 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine2, Vec4};
 use polyptych_scene::{
-    AlphaMode, Highlight, Material, NodeStyle, Scene, Shading, TextureRef, VertexLayout,
+    AlphaMode, Highlight, Material, NodeStyle, Shading, TextureRef, VertexLayout,
 };
 
+use super::layout::SceneLayout;
 use super::material_extension::{self, ExtensionFeatures, ExtensionGroup};
 use crate::bindings;
 use crate::gpu::Gpu;
@@ -157,23 +158,76 @@ impl MaterialGroups {
     }
 }
 
-/// The bind groups of every material, the default material, and these as styles draw them.
-pub(crate) fn bind_groups(
+/// The bind groups of the materials that a scene is drawn with: of many others, such as those of
+/// files that were added several times, there are none.
+#[derive(Debug)]
+pub(crate) struct Materials {
+    groups: Vec<MaterialGroups>,
+    /// The place of the groups of each described material, of the default one behind them, and of
+    /// these as styles draw them.
+    slots: Vec<Option<u32>>,
+}
+
+impl Materials {
+    /// Returns the groups of a material of a batch; `None` if no batch had it when they were made.
+    pub fn get(&self, material: u32) -> Option<&MaterialGroups> {
+        let slot = self.slots.get(material as usize).copied().flatten()?;
+        self.groups.get(slot as usize)
+    }
+
+    /// Returns whether it has the groups of all batches of a layout with the same materials.
+    pub fn serve(&self, layout: &SceneLayout) -> bool {
+        layout.batches.iter().all(|batch| self.get(batch.material).is_some())
+    }
+}
+
+/// Returns the slot of each of so many materials, if it is drawn, and the material of each slot.
+fn slots(count: usize, drawn: impl Iterator<Item = u32>) -> (Vec<Option<u32>>, Vec<u32>) {
+    let (mut slots, mut materials) = (vec![None; count], Vec::new());
+    for material in drawn {
+        let Some(slot) = slots.get_mut(material as usize) else { continue };
+        if slot.is_none() {
+            *slot = Some(materials.len() as u32);
+            materials.push(material);
+        }
+    }
+    (slots, materials)
+}
+
+/// The bind groups of the materials that the batches of a layout have, and of the default one.
+pub(super) fn bind_groups(
     gpu: &Gpu,
-    desc: &Scene,
-    styled: &[StyledMaterial],
+    layout: &SceneLayout,
+    views: &[wgpu::TextureView],
+    samplers: &[wgpu::Sampler],
+) -> Materials {
+    let (described, default) = (&layout.desc.materials, Material::default());
+    let own = |material: u32| described.get(material as usize).unwrap_or(&default);
+    let look = |&material: &u32| {
+        let behind = (material as usize).checked_sub(described.len() + 1);
+        match behind.and_then(|at| layout.styled.get(at)) {
+            Some(styled) => (styled.desc(own(styled.material)), styled.highlight),
+            None => (own(material).clone(), Vec4::ZERO),
+        }
+    };
+    // The default one first: no list is empty then.
+    let drawn = layout.batches.iter().map(|batch| batch.material);
+    let drawn = std::iter::once(described.len() as u32).chain(drawn);
+    let (slots, drawn) = slots(described.len() + 1 + layout.styled.len(), drawn);
+    let materials: Vec<(Material, Vec4)> = drawn.iter().map(look).collect();
+    Materials { groups: groups_of(gpu, &materials, views, samplers), slots }
+}
+
+/// The bind groups of materials with the highlights that styles lay over them.
+fn groups_of(
+    gpu: &Gpu,
+    materials: &[(Material, Vec4)],
     views: &[wgpu::TextureView],
     samplers: &[wgpu::Sampler],
 ) -> Vec<MaterialGroups> {
-    let default = Material::default();
-    let described = || desc.materials.iter().chain([&default]);
-    let plain = described().map(|material| (material.clone(), Vec4::ZERO));
-    let of = |one: &StyledMaterial| desc.materials.get(one.material as usize).unwrap_or(&default);
-    let styled = styled.iter().map(|one| (one.desc(of(one)), one.highlight));
-    let materials: Vec<(Material, Vec4)> = plain.chain(styled).collect();
     let stride = bindings::uniform_stride(gpu, size_of::<MaterialUniform>());
     let mut bytes = vec![0; stride * materials.len()];
-    for (slot, (material, highlight)) in bytes.chunks_exact_mut(stride).zip(&materials) {
+    for (slot, (material, highlight)) in bytes.chunks_exact_mut(stride).zip(materials) {
         let uniform = MaterialUniform::new(material, *highlight);
         slot[..size_of::<MaterialUniform>()].copy_from_slice(bytemuck::bytes_of(&uniform));
     }
@@ -221,4 +275,16 @@ pub(crate) fn bind_groups(
         MaterialGroups { material, extensions, values }
     };
     groups.map(with_values).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_materials_that_are_drawn_have_slots() {
+        let (slots, materials) = slots(6, [3, 5, 3, 0, 9].into_iter());
+        assert_eq!(slots, [Some(2), None, None, Some(0), None, Some(1)]);
+        assert_eq!(materials, [3, 5, 0]);
+    }
 }

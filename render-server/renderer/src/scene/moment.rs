@@ -48,10 +48,15 @@ impl GpuScene {
             let Some(of_scene) = desc.materials.get(one.material as usize) else { continue };
             let mut material = of_scene.clone();
             one.apply_to(&mut material);
-            self.materials[one.material as usize].set(gpu, &material, Vec4::ZERO);
-            let behind = &self.materials[desc.materials.len() + 1..];
-            let of_it = styled.iter().zip(behind).filter(|(of, _)| of.material == one.material);
-            of_it.for_each(|(of, groups)| groups.set(gpu, &material, of.highlight));
+            let behind = (desc.materials.len() as u32 + 1..).zip(styled);
+            let of_it = behind.filter(|(_, of)| of.material == one.material);
+            let of_it = of_it.map(|(number, of)| (number, of.highlight));
+            for (number, highlight) in std::iter::once((one.material, Vec4::ZERO)).chain(of_it) {
+                // What nothing draws has no values.
+                if let Some(groups) = self.materials.get(number) {
+                    groups.set(gpu, &material, highlight);
+                }
+            }
         }
     }
 

@@ -167,6 +167,28 @@ proptest! {
     }
 }
 
+#[test]
+fn a_material_that_nothing_had_is_drawn_once_a_node_has_it() {
+    let mut stage = SceneFixture::new();
+    let mut paint = |red: f32, green: f32| {
+        let base_color = Vec4::new(red, green, 0.1, 1.0);
+        stage.material(Material { base_color, unlit: true, ..Material::default() })
+    };
+    let (red, green) = (paint(0.9, 0.1), paint(0.1, 0.9));
+    let shape = MeshFixture::rectangle(0.4, 0.4);
+    let [shown, later] = [red, green].map(|material| stage.mesh(&shape, Some(material)));
+    stage.node(shown, DAffine3::from_translation(DVec3::NEG_X * 0.5));
+    let before = stage.build();
+    assert!(before.materials.get(red).is_some() && before.materials.get(green).is_none());
+    stage.node(later, DAffine3::from_translation(DVec3::X * 0.5));
+    let layout = crate::SceneLayout::new(stage.desc.clone(), &|| false).expect("sound");
+    let after = before.with_layout(gpu(), Arc::new(layout), None).expect("the same");
+    let view = look(DVec3::Z * 3.0, DVec3::ZERO, SIZE);
+    let [own, its] = [&after, &stage.build()].map(|scene| draw(scene, SIZE, &view));
+    assert_eq!(differences(&own, &its), [0; 3]);
+    assert!(differences(&own, &draw(&before, SIZE, &view))[2] > 100);
+}
+
 /// A row of spheres, of which some are moved.
 fn row(moved: &[(u32, DAffine3)]) -> Option<MovedItems> {
     let mut stage = SceneFixture::new();
