@@ -58,13 +58,16 @@ pub(crate) struct StateFile {
     wall: Vec<u8>,
     /// The lease without which nothing is written, if managers share this state.
     fence: Option<Leadership>,
+    /// `true` while this manager has neither found a file nor written one: one that appears
+    /// meanwhile came with storage that was mounted late, and is not written over.
+    expects_none: bool,
 }
 
 impl StateFile {
     /// The state file of this wall at this path; written by [`save`](Self::save) only.
     pub fn new(path: PathBuf, wall: &Wall) -> Self {
         let wall = polyptych_codec::encode(&wall.without_paths()).to_vec();
-        Self { path, wall, fence: None }
+        Self { path, wall, fence: None, expects_none: false }
     }
 
     /// The same file, written only while this manager leads.
@@ -86,19 +89,20 @@ impl StateFile {
     /// process is killed afterwards, and if `is_durable`, after a power cut too.
     ///
     /// # Errors
-    /// The folder or the file can't be written.
-    pub fn save(&self, memory: &PersistentState, is_durable: bool) -> io::Result<()> {
+    /// The folder or the file can't be written, or a file is there that was not when this manager
+    /// started, and that it has not written.
+    pub fn save(&mut self, memory: &PersistentState, is_durable: bool) -> io::Result<()> {
         self.save_on(&mut System, memory, is_durable)
     }
 
     fn save_on(
-        &self,
+        &mut self,
         disk: &mut impl Disk,
         memory: &PersistentState,
         is_durable: bool,
     ) -> io::Result<()> {
-        let folder = self.folder();
-        disk.make_folder(folder)?;
+        let folder = self.folder().to_owned();
+        disk.make_folder(&folder)?;
         let saved = [&self.wall[..], &polyptych_codec::encode(memory)].concat();
         let bytes = [&MAGIC[..], &BlobHash::of(&saved).0, &saved].concat();
         let new = folder.join(self.new_name(self.fence.as_ref().map(Leadership::term)));
@@ -107,13 +111,25 @@ impl StateFile {
         // Always: after a power cut a name may lead to content that was not on the disk yet, and
         // what was durable before would be lost with it.
         disk.sync(&file)?;
+        let mut place = || {
+            let renamed = if self.expects_none {
+                disk.rename_new(&new, &self.path)
+            } else {
+                disk.rename(&new, &self.path)
+            };
+            if renamed.is_ok() {
+                // Whatever fails from here on: the file is this manager's own.
+                self.expects_none = false;
+            }
+            renamed
+        };
         match &self.fence {
-            Some(fence) => fence.fenced(|| disk.rename(&new, &self.path))?,
-            None => disk.rename(&new, &self.path)?,
+            Some(fence) => fence.fenced(place)?,
+            None => place()?,
         }
         if is_durable {
             // The name is in the folder.
-            disk.sync_names(folder)?;
+            disk.sync_names(&folder)?;
         }
         Ok(())
     }
@@ -163,7 +179,10 @@ mod tests {
 
     /// The file as a manager finds it.
     fn found(path: &Path) -> Result<Found, String> {
-        let state = StateFile::new(path.to_owned(), &Wall::new("w", vec![], vec![]));
+        load(&mut StateFile::new(path.to_owned(), &Wall::new("w", vec![], vec![])))
+    }
+
+    fn load(state: &mut StateFile) -> Result<Found, String> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build();
         let found = runtime.expect("a runtime").block_on(state.load());
         found.map_err(|error| error.to_string())
@@ -243,6 +262,28 @@ mod tests {
         StateFile::new(path.clone(), &wall).save(&memory, true).expect("saved");
         let found = found(&path).expect("read");
         assert!(matches!(found, Found::Saved(saved) if saved.memory == memory));
+    }
+
+    #[test]
+    fn does_not_write_over_a_file_that_appeared_after_the_start() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("wall");
+        let wall = Wall::new("w", vec![], vec![]);
+        let memory = PersistentState::of_wall(&wall);
+        let mut state = StateFile::new(path.clone(), &wall);
+        assert_eq!(load(&mut state), Ok(Found::Nothing));
+        let other = "a state on storage that was mounted late";
+        fs::write(&path, other).expect("written");
+        for _ in 0..2 {
+            let refused = state.save(&memory, true).expect_err("another's").to_string();
+            assert!(refused.contains("start the manager anew"), "{refused}");
+            assert_eq!(fs::read_to_string(&path).expect("read"), other);
+        }
+        fs::remove_file(&path).expect("removed");
+        for _ in 0..2 {
+            state.save(&memory, true).expect("there is none but its own");
+        }
+        assert!(matches!(found(&path), Ok(Found::Saved(_))));
     }
 
     #[test]

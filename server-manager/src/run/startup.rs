@@ -37,7 +37,7 @@ pub(super) async fn load_state(
     options: &ManagerOptions,
 ) -> Result<Option<(StateFile, Found)>, ManagerError> {
     let Some(path) = options.memory.clone() else { return Ok(None) };
-    let state = StateFile::new(path, &options.wall).with_fence(options.leadership.clone());
+    let mut state = StateFile::new(path, &options.wall).with_fence(options.leadership.clone());
     match state.load().await {
         Ok(found) => Ok(Some((state, found))),
         Err(error) => Err(refusal(options, error.to_string())),
@@ -55,7 +55,7 @@ pub(super) fn start_cluster(
     epoch: Epoch,
     allowed: &BlobAllowlist,
 ) -> Result<(RecordedCluster, Option<StateFile>), ManagerError> {
-    let Some((state, found)) = state else { return Ok((start_afresh(options, epoch), None)) };
+    let Some((mut state, found)) = state else { return Ok((start_afresh(options, epoch), None)) };
     state.remove_abandoned();
     let saved = match found {
         Found::Saved(saved) => *saved,

@@ -5,6 +5,11 @@ use std::io::{self, ErrorKind, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
+/// The reason why a file is left as it is that was not there when this manager started.
+const APPEARED: &str = "it has appeared since this manager started without one, and is not written \
+                        over; start the manager anew to go on with it, or move it away to keep \
+                        this manager's state";
+
 /// A file system. Nothing is durable before it was synced; each step may fail.
 pub(super) trait Disk {
     /// An open file.
@@ -24,6 +29,12 @@ pub(super) trait Disk {
 
     /// Gives a file another name, in the place of one that has it.
     fn rename(&mut self, from: &Path, to: &Path) -> io::Result<()>;
+
+    /// Gives a file another name, which no file has.
+    ///
+    /// # Errors
+    /// [`ErrorKind::AlreadyExists`] if one has it, or the system's reason.
+    fn rename_new(&mut self, from: &Path, to: &Path) -> io::Result<()>;
 
     /// Makes the names in a folder durable.
     fn sync_names(&mut self, folder: &Path) -> io::Result<()>;
@@ -65,6 +76,15 @@ impl Disk for System {
 
     fn rename(&mut self, from: &Path, to: &Path) -> io::Result<()> {
         fs::rename(from, to)
+    }
+
+    fn rename_new(&mut self, from: &Path, to: &Path) -> io::Result<()> {
+        // Storage that is mounted between the two steps does not have the file that is renamed.
+        match fs::symlink_metadata(to) {
+            Err(error) if error.kind() == ErrorKind::NotFound => fs::rename(from, to),
+            Err(error) => Err(error),
+            Ok(_) => Err(io::Error::new(ErrorKind::AlreadyExists, APPEARED)),
+        }
     }
 
     fn sync_names(&mut self, folder: &Path) -> io::Result<()> {
@@ -186,6 +206,13 @@ mod tests {
             Ok(())
         }
 
+        fn rename_new(&mut self, from: &Path, to: &Path) -> io::Result<()> {
+            if self.names.contains_key(to) {
+                return Err(ErrorKind::AlreadyExists.into());
+            }
+            self.rename(from, to)
+        }
+
         fn sync_names(&mut self, _: &Path) -> io::Result<()> {
             self.step()?;
             self.names_on_disk = vec![self.names.clone()];
@@ -205,17 +232,20 @@ mod tests {
     fn no_kill_and_no_power_cut_loses_what_was_acknowledged() {
         let mut random = Rng::with_seed(1);
         let path = PathBuf::from("state/wall");
-        let state = StateFile::new(path.clone(), &Wall::new("w", vec![], vec![]));
+        let mut state = StateFile::new(path.clone(), &Wall::new("w", vec![], vec![]));
         let mut disk = Model::new();
         // The last revision that was tried, acknowledged, and acknowledged as durable.
         let (mut tried, mut kept, mut durable) = (0, 0, 0);
         let (mut acknowledged, mut cuts) = (0, 0);
         while acknowledged < ACKNOWLEDGED {
             disk.steps_left = random.u32(0..60);
+            // The process that is started now may find no file.
+            state.expects_none = disk.read(&path).is_none();
             loop {
                 tried += 1;
                 let is_durable = random.bool();
-                if state.save_on(&mut disk, &memory(tried), is_durable).is_err() {
+                if let Err(error) = state.save_on(&mut disk, &memory(tried), is_durable) {
+                    assert_ne!(error.kind(), ErrorKind::AlreadyExists, "the file is its own");
                     break;
                 }
                 acknowledged += 1;

@@ -81,12 +81,15 @@ impl LoadError {
 
 impl StateFile {
     /// Reads the file at the start of a manager. One that cannot be read is tried again for a
-    /// while, unless only a person can help.
+    /// while, unless only a person can help. If there is none, [`save`](Self::save) writes over
+    /// none that appears later.
     ///
     /// # Errors
     /// [`LoadError`] of the last attempt.
-    pub async fn load(&self) -> Result<Found, LoadError> {
-        load_patiently(|| self.load_once()).await
+    pub async fn load(&mut self) -> Result<Found, LoadError> {
+        let found = load_patiently(|| self.load_once()).await?;
+        self.expects_none = matches!(found, Found::Nothing);
+        Ok(found)
     }
 
     fn load_once(&self) -> Result<Found, LoadError> {
@@ -265,7 +268,7 @@ mod tests {
         assert_eq!(state.load_once().expect("a new wall"), Found::Nothing);
         first.release(Release::Ended);
         let second = lead(&path, "second").await;
-        let state = state_at(&path).with_fence(Some(second.clone()));
+        let mut state = state_at(&path).with_fence(Some(second.clone()));
         assert_eq!(state.load_once().expect("none was written"), Found::Nothing);
         state.save(&PersistentState::of_wall(&wall()), true).expect("saved");
         second.release(Release::Ended);

@@ -81,7 +81,7 @@ impl Keeper {
     ///
     /// # Errors
     /// The system gives no thread.
-    pub fn of(state: StateFile) -> io::Result<Self> {
+    pub fn of(mut state: StateFile) -> io::Result<Self> {
         let name = state.path().display().to_string();
         let mut last: Option<PersistentState> = None;
         Self::start(name, move |memory| {
