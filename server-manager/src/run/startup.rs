@@ -13,6 +13,7 @@ use crate::bulk::BlobAllowlist;
 use crate::leadership::Release;
 use crate::recorded_cluster::RecordedCluster;
 use crate::recorder::ClusterConfig;
+use crate::state_file::kept_copy::KeepError;
 use crate::state_file::{Found, Reconciled, StateFile};
 use crate::{import, state_file};
 
@@ -63,7 +64,7 @@ pub(super) fn start_cluster(
         Found::Damaged(reason) => {
             let path = state.path().display();
             tracing::warn!(%path, reason, "what was remembered is of no use");
-            keep_copy(&state, options)?;
+            keep_copy(&state, true).map_err(|reason| refusal(options, reason))?;
             return Ok((start_afresh(options, epoch), Some(state)));
         }
     };
@@ -106,7 +107,7 @@ pub(super) fn start_cluster(
         has_dropped = true;
     }
     if has_dropped {
-        keep_copy(&state, options)?;
+        keep_copy(&state, false).map_err(|reason| refusal(options, reason))?;
     }
     allowed.allow(&memory.environment.iter().map(|of| of.blob).collect::<Vec<_>>());
     // What was said once is not said again by the next manager.
@@ -170,19 +171,59 @@ fn log(reconciled: &Reconciled) {
 }
 
 /// Keeps what was remembered beside the state file, where this start does not go on with all of it:
-/// a store that was not mounted yet must not cost the edits of a scene.
+/// a store that was not mounted yet must not cost the edits of a scene. Once all names of copies
+/// are taken, the oldest copies stay, and what was dropped of a file that is not damaged is lost.
 ///
 /// # Errors
-/// It cannot be kept, so that the file is the only one.
-fn keep_copy(state: &StateFile, options: &ManagerOptions) -> Result<(), ManagerError> {
-    let copy = state.keep_copy().map_err(|error| {
-        let path = state.path().display();
-        let reason = format!(
-            "the state file {path} cannot be used as it is, and no copy of it kept: {error}; make \
-             room beside it, or move it away to begin without it"
-        );
-        refusal(options, reason)
-    })?;
-    tracing::warn!(copy = %copy.display(), "the state before was kept; read it with --state COPY");
+/// The reason why it cannot be kept, so that the file is the only one.
+fn keep_copy(state: &StateFile, is_damaged: bool) -> Result<(), String> {
+    let path = state.path().display();
+    match state.keep_copy() {
+        Ok(copy) => {
+            let copy = copy.display();
+            tracing::warn!(%copy, "the state before was kept; read it with --state COPY");
+        }
+        Err(error @ KeepError::Full(_)) if !is_damaged => {
+            tracing::warn!(%path, %error, "what was dropped of the state is kept in no copy");
+        }
+        Err(error) => {
+            return Err(format!(
+                "the state file {path} cannot be used as it is, and no copy of it kept: {error}; \
+                 make room beside it, or move it away to begin without it"
+            ));
+        }
+    }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use polyptych_wall::Wall;
+
+    use super::*;
+
+    #[test]
+    fn goes_on_without_a_copy_only_if_all_are_taken_and_nothing_is_damaged() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("wall.state");
+        let state = StateFile::new(path.clone(), &Wall::new("w", vec![], vec![]));
+        let keep_next = |number: u32| {
+            fs::write(&path, number.to_string()).expect("written");
+            state.keep_copy()
+        };
+        let full = (0..1_000).find_map(|number| keep_next(number).err()).expect("a limit");
+        assert!(matches!(full, KeepError::Full(_)), "{full}");
+        keep_copy(&state, false).expect("the wall begins, with a warning");
+        let refused = keep_copy(&state, true).expect_err("it would be lost");
+        assert!(refused.contains("wall.state.old on; move some"), "{refused}");
+        let oldest = fs::read_to_string(folder.path().join("wall.state.old")).expect("read");
+        assert_eq!(oldest, "0");
+        // Nothing to copy: an error of the system ends the start in both cases.
+        fs::remove_file(&path).expect("removed");
+        for is_damaged in [false, true] {
+            keep_copy(&state, is_damaged).expect_err("not copied");
+        }
+    }
 }

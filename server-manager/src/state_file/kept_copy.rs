@@ -18,13 +18,24 @@ const COPIES_MAX: u32 = 64;
 /// The extension of the first copy.
 const EXTENSION: &str = "old";
 
+/// The reason why no copy of a state file was kept.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum KeepError {
+    /// All names of copies are taken, from this path on.
+    #[error("{COPIES_MAX} copies are there, from {} on; move some", .0.display())]
+    Full(PathBuf),
+    /// The file cannot be copied.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+}
+
 impl StateFile {
     /// Keeps the file as it is under a name of its own. Returns that path; if such a copy is there
     /// already, that of this one.
     ///
     /// # Errors
-    /// The file cannot be copied, or [`COPIES_MAX`] copies are there.
-    pub fn keep_copy(&self) -> io::Result<PathBuf> {
+    /// [`KeepError`]; no copy is written over then.
+    pub fn keep_copy(&self) -> Result<PathBuf, KeepError> {
         let paths = || (1..=COPIES_MAX).map(|number| copy_path(&self.path, number));
         // A manager that fails again and again fills no disk.
         if let Some(kept) = paths().find(|path| is_same(&self.path, path).unwrap_or(false)) {
@@ -42,12 +53,10 @@ impl StateFile {
                     return Ok(path);
                 }
                 Err(taken) if taken.error.kind() == ErrorKind::AlreadyExists => copy = taken.file,
-                Err(failed) => return Err(failed.error),
+                Err(failed) => return Err(failed.error.into()),
             }
         }
-        let first = copy_path(&self.path, 1);
-        let first = first.display();
-        Err(io::Error::other(format!("{COPIES_MAX} copies are there, from {first} on; move some")))
+        Err(KeepError::Full(copy_path(&self.path, 1)))
     }
 }
 
@@ -115,12 +124,15 @@ mod tests {
         for number in 1..=COPIES_MAX {
             fs::write(copy_path(&path, number), number.to_string()).expect("written");
         }
-        let error = state.keep_copy().expect_err("no name is free").to_string();
+        let error = state.keep_copy().expect_err("no name is free");
+        assert!(matches!(error, KeepError::Full(_)), "{error:?}");
+        let error = error.to_string();
         assert!(error.contains("64 copies") && error.contains("wall.state.old on"), "{error}");
         assert_eq!(fs::read_to_string(&path).expect("read"), "only one");
         let files = fs::read_dir(folder.path()).expect("listed").count();
         assert_eq!(files, COPIES_MAX as usize + 1, "nothing half done");
         fs::remove_file(&path).expect("removed");
-        state.keep_copy().expect_err("there is nothing to copy");
+        let error = state.keep_copy().expect_err("there is nothing to copy");
+        assert!(matches!(error, KeepError::Io(_)), "{error:?}");
     }
 }
