@@ -199,10 +199,11 @@ impl Leadership {
             };
             shared.is_fenced.store(true, Ordering::SeqCst);
             let done = work();
-            shared.is_fenced.store(false, Ordering::SeqCst);
             let is_first = done.is_ok() && !ours.has_state;
             (is_first.then(|| LeaseRecord { has_state: true, ..ours.clone() }), done)
         });
+        // Not before: the record that there is a state is written under the lock, too.
+        shared.is_fenced.store(false, Ordering::SeqCst);
         done.map_err(io::Error::other)?
     }
 
@@ -392,6 +393,33 @@ mod tests {
         });
         assert!(written.expect("it leads"));
         assert!(leader.is_held());
+    }
+
+    #[test]
+    fn a_lease_is_not_lost_while_its_leader_writes_that_there_is_a_state() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let leader = lead(&folder, "first");
+        let record = folder.path().join("wall.state.lease");
+        let (worked, has_worked) = std::sync::mpsc::sync_channel(1);
+        std::thread::scope(|scope| {
+            let (leader, record) = (&leader, &record);
+            let written = scope.spawn(move || {
+                leader.fenced(|| {
+                    // A pipe takes no record before somebody reads, as slow storage does.
+                    std::fs::remove_file(record)?;
+                    let made = std::process::Command::new("mkfifo").arg(record).status()?;
+                    assert!(made.success());
+                    worked.send(()).map_err(io::Error::other)
+                })
+            });
+            has_worked.recv().expect("it works");
+            leader.shared.set_valid_until(ClockReading::default());
+            let is_held = leader.is_held();
+            let reason = leader.lost_reason().map(str::to_owned);
+            std::fs::read(record).expect("the record");
+            written.join().expect("no panic").expect("written");
+            assert_eq!((is_held, reason), (false, None), "it cannot be renewed now");
+        });
     }
 
     #[test]
