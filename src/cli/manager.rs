@@ -26,7 +26,7 @@ use super::bake_arguments::BakeArguments;
 use super::shutdown_signal::shutdown_signal;
 use super::{bake_files, cache_folder, http, load_wall, log_file_warnings, say};
 use crate::logging;
-use crate::state_lock::StateLock;
+use crate::state_lock::{self, StateLock};
 
 /// The way to more memory for bakes of a manager, for whoever opens a scene.
 const MEMORY_REMEDY: &str = "start the manager with --bake-memory-mib N to allow more";
@@ -246,12 +246,8 @@ fn state_file(
     // have two ports.
     let beside = || token.with_file_name(format!("{}-{port}.state", file_name(wall)));
     let path = arguments.state.clone().unwrap_or_else(beside);
-    // Its lock and its lease stand beside the file itself, not beside a link to it, which saving
-    // would replace.
-    match path.canonicalize() {
-        Err(error) if error.kind() == ErrorKind::NotFound => Ok(Some(path)),
-        found => found.map(Some).with_context(|| format!("--state {}", path.display())),
-    }
+    let resolved = state_lock::resolve(&path);
+    resolved.map(Some).with_context(|| format!("--state {}", path.display()))
 }
 
 /// Logs where this manager is reached, and by what.

@@ -4,20 +4,13 @@
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read};
 use std::path::PathBuf;
-use std::time::Duration;
 
 use polyptych_files::blob::BlobHash;
+use polyptych_files::storage_fault::{self, RETRY_PAUSE, RETRY_TIME_MAX};
 use tokio::time::Instant;
 
 use super::{MAGIC, MAGIC_OF_ALL, MEMORY_BYTES_MAX, Saved, StateFile, VALUES_BYTES_MAX};
 use crate::lease::LeaseFileError;
-
-/// Maximum time for which a file that cannot be read is tried again: a server of files is back by
-/// then that was started anew, and a supervisor does not wait much longer for a manager.
-const LOAD_TIME_MAX: Duration = Duration::from_secs(5);
-
-/// Pause between two attempts.
-const LOAD_PAUSE: Duration = Duration::from_millis(100);
 
 /// The content of the path of a state file.
 #[derive(Debug, PartialEq)]
@@ -70,10 +63,10 @@ impl LoadError {
     fn may_pass(&self) -> bool {
         match self {
             Self::Foreign { .. } => false,
-            Self::Unreadable { source, .. } => !matches!(
-                source.kind(),
-                ErrorKind::PermissionDenied | ErrorKind::NotADirectory | ErrorKind::IsADirectory
-            ),
+            // What a link leads to may be on storage that is not mounted yet.
+            Self::Unreadable { source, .. } => {
+                source.kind() == ErrorKind::NotFound || storage_fault::may_pass(source)
+            }
             Self::Missing(_) | Self::Lease(_) => true,
         }
     }
@@ -137,7 +130,7 @@ impl StateFile {
 async fn load_patiently(
     mut load_once: impl FnMut() -> Result<Found, LoadError>,
 ) -> Result<Found, LoadError> {
-    let until = Instant::now() + LOAD_TIME_MAX;
+    let until = Instant::now() + RETRY_TIME_MAX;
     let mut is_told = false;
     loop {
         match load_once() {
@@ -148,7 +141,7 @@ async fn load_patiently(
             }
             loaded => return loaded,
         }
-        tokio::time::sleep(LOAD_PAUSE).await;
+        tokio::time::sleep(RETRY_PAUSE).await;
     }
 }
 
@@ -248,7 +241,7 @@ mod tests {
         let start = Instant::now();
         let refused = load_patiently(|| refuse(ErrorKind::TimedOut)).await;
         assert!(refused.is_err_and(|error| error.to_string().contains("wall.state")));
-        assert!(tried.get() > 10 && start.elapsed() < 2 * LOAD_TIME_MAX);
+        assert!(tried.get() > 10 && start.elapsed() < 2 * RETRY_TIME_MAX);
     }
 
     async fn lead(path: &Path, name: &str) -> Leadership {
