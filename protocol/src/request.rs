@@ -351,7 +351,7 @@ pub enum MessageToClient {
     Chunk(ReplyChunk),
     /// The manager ends the connection.
     Goodbye(Goodbye),
-    /// The progress of opening a scene: at most once a percent, at least every few seconds of a bake.
+    /// The progress of opening a scene: at most once a percent; in a bake, every few seconds too.
     Progress {
         /// The client's number of the request.
         id: RequestId,
