@@ -375,8 +375,8 @@ impl BakeJob<'_> {
         scene.textures = textures.list;
         scene.materials = palette.materials;
         crowd::find(self, &mut scene)?;
-        skies::find(&mut scene, &overview);
         placeholder::darken(&mut scene.materials, &textures.placeholders);
+        skies::find(&mut scene, &overview);
         scene.surroundings = image_based_light::write(self)?;
         scene.exposure = exposure::suggest(&scene);
         if let Some(exposure) = scene.exposure {

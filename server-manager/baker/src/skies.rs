@@ -13,13 +13,13 @@ use super::backgrounds::Overview;
 /// on it: no hall is so large.
 const LIT_RATIO_MIN: f64 = 64.0;
 
-/// Sets which nodes are skies ([`polyptych_scene::Node::is_sky`]): backgrounds that take no light,
-/// and shells that glow, are blended, or are far larger than any hall. Copies are none.
+/// Sets which nodes are skies ([`polyptych_scene::Node::is_sky`]): backgrounds that are unlit, and
+/// shells that glow and take no light, are blended, or far larger than any hall. Copies are none.
 pub(super) fn find(scene: &mut Scene, overview: &Overview) {
     for &index in &overview.backgrounds {
         let node = &scene.nodes[index as usize];
         let Some(mesh) = node.mesh.filter(|_| node.instances.is_empty()) else { continue };
-        let is_far = |ratio: &f64| *ratio >= LIT_RATIO_MIN || all(scene, mesh, shines);
+        let is_far = |ratio: &f64| *ratio >= LIT_RATIO_MIN || all(scene, mesh, is_of_sky);
         let is_shell_of_sky = overview.shells.get(&index).is_some_and(is_far);
         let is_sky = is_shell_of_sky || all(scene, mesh, |material| material.unlit);
         scene.nodes[index as usize].is_sky = is_sky;
@@ -34,8 +34,10 @@ fn all(scene: &Scene, mesh: u32, is_such: impl Fn(&Material) -> bool) -> bool {
     })
 }
 
-/// Returns whether a material has light of its own, or lets it through.
-fn shines(material: &Material) -> bool {
-    let is_blended = material.alpha_mode == AlphaMode::Blend;
-    material.unlit || is_blended || material.emissive != Vec3::ZERO
+/// Returns whether a material shows its own light alone, or lets light through. One that glows and
+/// is lit as well may be a hall whose windows are a picture of what glows.
+fn is_of_sky(material: &Material) -> bool {
+    let is_black = material.base_color.truncate() == Vec3::ZERO;
+    let is_emission = is_black && material.emissive != Vec3::ZERO;
+    material.unlit || is_emission || material.alpha_mode == AlphaMode::Blend
 }

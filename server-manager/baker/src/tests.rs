@@ -349,21 +349,30 @@ fn domes_are_skies_and_halls_and_hills_are_none() {
         let positions = builder.floats("VEC3", &corners);
         builder.json["materials"] = json!([material]);
         builder.json["extensionsUsed"] = json!(["KHR_materials_unlit"]);
-        builder.mesh(&json!({ "attributes": { "POSITION": positions }, "material": 0 }));
+        let uvs = builder.floats("VEC2", &[0.0; 48]);
+        let attributes = json!({ "POSITION": positions, "TEXCOORD_0": uvs });
+        builder.mesh(&json!({ "attributes": attributes, "material": 0 }));
+        builder.image(b"broken");
         let (_place, _, scene) = bake_builder(&builder);
         assert!(!scene.nodes[0].is_sky, "what is within is no sky");
         scene.nodes[1].is_sky
     };
     let (lit, glowing) = (json!({}), json!({ "emissiveFactor": [1, 1, 1] }));
     let unlit = json!({ "extensions": { "KHR_materials_unlit": {} } });
-    let domes = [&lit, &glowing, &unlit].map(|material| is_sky(200.0, 1.0, material));
-    let halls = [&lit, &glowing, &unlit].map(|material| is_sky(20.0, 1.0, material));
-    let hills = [&lit, &glowing, &unlit].map(|material| is_sky(200.0, 0.1, material));
-    let rooms = [&lit, &glowing, &unlit].map(|material| is_sky(4.0, 1.0, material));
-    assert_eq!(domes, [true; 3]);
-    assert_eq!(halls, [false, true, true]);
-    assert_eq!(hills, [false, false, true]);
-    assert_eq!(rooms, [false; 3]);
+    // As Blender exports an emission; its picture may be missing, and then it does not glow.
+    let mut emission = glowing.clone();
+    emission["pbrMetallicRoughness"] = json!({ "baseColorFactor": [0, 0, 0, 1] });
+    let mut dark = emission.clone();
+    dark["emissiveTexture"] = json!({ "index": 0 });
+    let materials = [&lit, &glowing, &dark, &emission, &unlit];
+    let domes = materials.map(|material| is_sky(200.0, 1.0, material));
+    let halls = materials.map(|material| is_sky(20.0, 1.0, material));
+    let hills = materials.map(|material| is_sky(200.0, 0.1, material));
+    let rooms = materials.map(|material| is_sky(4.0, 1.0, material));
+    assert_eq!(domes, [true; 5]);
+    assert_eq!(halls, [false, false, false, true, true]);
+    assert_eq!(hills, [false, false, false, false, true]);
+    assert_eq!(rooms, [false; 5]);
 }
 
 #[test]
