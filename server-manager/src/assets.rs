@@ -39,7 +39,7 @@ pub(crate) async fn bake(
     let manifest = match assets.source {
         AssetSource::File(path) => {
             let file = import::resolve(&path, roots)?;
-            import::bake_scene(&file, None, baker, |_| {}).await?
+            import::bake_added(&file, baker).await?
         }
         AssetSource::Glb(bytes) => bake_bytes(bytes, baker).await?,
         AssetSource::Baked(_) => {
@@ -107,7 +107,7 @@ async fn bake_bytes(bytes: Bytes, baker: &Baker) -> Result<BlobHash, String> {
     });
     let written = write.await.map_err(|error| error.to_string())?;
     let (folder, file) = written.map_err(cannot)?;
-    let baked = import::bake_scene(&file, None, baker, |_| {}).await;
+    let baked = import::bake_added(&file, baker).await;
     let path = file.display().to_string();
     drop(folder);
     // Where it lay is of no use to who sent it.

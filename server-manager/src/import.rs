@@ -105,7 +105,7 @@ pub(crate) async fn import(
 }
 
 /// Bakes a scene of a file, or the one that the file names; gives the hash of its manifest.
-pub(crate) async fn bake_scene(
+async fn bake_scene(
     file: &Path,
     scene: Option<&str>,
     baker: &Baker,
@@ -115,6 +115,17 @@ pub(crate) async fn bake_scene(
     let scene = scene.map(|scene| format!("--scene={scene}"));
     let options: Vec<&str> = std::iter::once("--progress").chain(scene.as_deref()).collect();
     let baked = bake(file, baker, &options, tell).await?;
+    manifest_of(&baked, file)
+}
+
+/// Bakes a file that is added to an open scene; gives the hash of its manifest.
+pub(crate) async fn bake_added(file: &Path, baker: &Baker) -> Result<BlobHash, String> {
+    let baked = bake(file, baker, &["--added"], |_| {}).await?;
+    manifest_of(&baked, file)
+}
+
+/// The hash of the manifest in what a baker says of a file.
+fn manifest_of(baked: &serde_json::Value, file: &Path) -> Result<BlobHash, String> {
     let hash = baked.pointer("/manifest").and_then(|hash| hash.as_str());
     let hash = hash.and_then(BlobHash::from_hex);
     hash.ok_or_else(|| format!("{}: the baker named no manifest", file.display()))

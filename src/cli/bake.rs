@@ -10,7 +10,7 @@ use glam::DVec3;
 use indicatif::{ProgressBar, ProgressStyle};
 use polyptych_baker::environment::{EnvironmentSource, bake_environment, default_sun};
 use polyptych_baker::map::{MapUse, bake_map};
-use polyptych_baker::{BakeCache, Baked, Progress, bake_scene};
+use polyptych_baker::{BakeCache, Baked, Progress, bake_added, bake_scene};
 use polyptych_files::blob::StoreUrl;
 use polyptych_object_store::Uploaded;
 use polyptych_scene::OVERVIEW_NOTE;
@@ -50,6 +50,9 @@ pub(super) struct Arguments {
     /// that the file names, or its first]
     #[arg(long, value_name = "NAME", conflicts_with = "used_as")]
     scene: Option<String>,
+    /// The file is added to an open scene
+    #[arg(long, hide = true, conflicts_with_all = ["scene", "used_as"])]
+    added: bool,
     /// The file is not a scene, but one that a wall file names
     #[arg(long = "as", value_name = "USE")]
     used_as: Option<Use>,
@@ -126,9 +129,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bar.set_length(progress.total);
         bar.set_position(progress.done);
     };
-    let scene = arguments.scene.as_deref();
+    let (file, scene) = (&arguments.file, arguments.scene.as_deref());
     let cancel = &interruption.is_asked;
-    let baked = bake_scene(&arguments.file, scene, &store, &mut progress, cancel);
+    let baked = if arguments.added {
+        bake_added(file, &store, &mut progress, cancel)
+    } else {
+        bake_scene(file, scene, &store, &mut progress, cancel)
+    };
     bar.finish_and_clear();
     let baked = baked?;
     let is_drawn_otherwise = |note: &&String| !note.starts_with(OVERVIEW_NOTE);

@@ -197,6 +197,20 @@ pub fn bake(
     bake_scene(source, None, store, progress, cancel)
 }
 
+/// Bakes a file that is added to an open scene, where edits bend no meshes: those with skins have
+/// levels of detail and share what they can. Of a file without skins this is the same as [`bake`].
+///
+/// # Errors
+/// Those of [`bake`].
+pub fn bake_added(
+    source: &Path,
+    store: &BakeCache,
+    progress: &mut dyn FnMut(Progress),
+    cancel: &AtomicBool,
+) -> Result<Baked, BakeError> {
+    bake_file(source, (None, false), store, progress, cancel).map_err(|error| error.about(source))
+}
+
 /// Bakes one scene of a file, by its name, or by its number from 0 on if none has that name. `None`
 /// is the scene that the file names, or else its first.
 ///
@@ -209,12 +223,12 @@ pub fn bake_scene(
     progress: &mut dyn FnMut(Progress),
     cancel: &AtomicBool,
 ) -> Result<Baked, BakeError> {
-    bake_file(source, scene, store, progress, cancel).map_err(|error| error.about(source))
+    bake_file(source, (scene, true), store, progress, cancel).map_err(|error| error.about(source))
 }
 
 fn bake_file(
     path: &Path,
-    scene: Option<&str>,
+    (scene, edits_bend): (Option<&str>, bool),
     store: &BakeCache,
     progress: &mut dyn FnMut(Progress),
     cancel: &AtomicBool,
@@ -223,19 +237,21 @@ fn bake_file(
     let mut source = GltfSource::open(path, cancel)?;
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let choice = SceneChoice::of(&source.document, scene)?;
-    let key = key(&source, &name, choice);
+    // Nothing else of a bake depends on it.
+    let edits_bend = edits_bend || source.document.skins.is_empty();
+    let key = key(&source, &name, (choice, edits_bend));
     if let Some(baked) = store.find(key) {
         return Ok(baked);
     }
     source.unpack(cancel)?;
     let mut job = BakeJob::new(&source, choice, store.blobs(), progress, cancel);
-    let scene = job.scene(name)?;
+    let scene = job.scene(name, edits_bend)?;
     let baked = job.finish(&scene)?;
     store.record(key, &baked)?;
     Ok(baked)
 }
 
-fn key(source: &GltfSource, name: &str, choice: SceneChoice) -> BlobHash {
+fn key(source: &GltfSource, name: &str, (choice, edits_bend): (SceneChoice, bool)) -> BlobHash {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&BAKER_VERSION.to_le_bytes());
     hasher.update(&source.digest.0);
@@ -244,6 +260,10 @@ fn key(source: &GltfSource, name: &str, choice: SceneChoice) -> BlobHash {
         // No name of a file has this character.
         hasher.update(b"\0");
         hasher.update(&scene.to_le_bytes());
+    }
+    if !edits_bend {
+        // No number of a scene has so many bytes.
+        hasher.update(b"\0added");
     }
     BlobHash(*hasher.finalize().as_bytes())
 }
@@ -316,11 +336,11 @@ impl BakeJob<'_> {
         Ok(hash)
     }
 
-    fn scene(&mut self, name: String) -> Result<Scene, BakeError> {
+    fn scene(&mut self, name: String, edits_bend: bool) -> Result<Scene, BakeError> {
         self.note_what_is_left_out();
         let clips = Arc::clone(&self.clips);
         let node::Placed { nodes, meshes, extras, place_of, hidden_with } =
-            node::read(self, &clips)?;
+            node::read(self, &clips, edits_bend)?;
         let extras = extras.into_list(self);
         let mut scene = Scene { name, nodes, sky: SKY_DEFAULT, extras, ..Scene::default() };
         let world = scene.world_from_nodes();

@@ -46,8 +46,12 @@ struct Skinned {
 }
 
 /// Reads the shown scene. A mesh that stands elsewhere than its node becomes a node of its own,
-/// behind all others.
-pub(super) fn read(job: &mut BakeJob<'_>, clips: &ClipTargets) -> Result<Placed, BakeError> {
+/// behind all others. Edits bend meshes with skins only if `edits_bend`.
+pub(super) fn read(
+    job: &mut BakeJob<'_>,
+    clips: &ClipTargets,
+    edits_bend: bool,
+) -> Result<Placed, BakeError> {
     let json: &[document::Node] = &job.source.document.nodes;
     let parents = parents(json)?;
     check_cycles(json, &parents)?;
@@ -94,7 +98,8 @@ pub(super) fn read(job: &mut BakeJob<'_>, clips: &ClipTargets) -> Result<Placed,
         let children = node.children.iter().rev();
         stack.extend(children.map(|&child| (child, Some(place), is_hidden)));
     }
-    let edits_bend = can_edits_bend(&job.source.document, skinned.iter().map(|one| one.mesh));
+    let skinned_meshes = skinned.iter().map(|one| one.mesh);
+    let edits_bend = edits_bend && can_edits_bend(&job.source.document, skinned_meshes);
     for one in skinned {
         placed.add_skinned(job, &tree, (clips, edits_bend), &one)?;
     }

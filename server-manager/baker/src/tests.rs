@@ -30,7 +30,7 @@ use glam::{DVec3, Vec3};
 use polyptych_scene::{IndexFormat, LightKind, Scene};
 use serde_json::json;
 
-use super::{BakeCache, BakeError, Baked, Progress, bake, bake_scene};
+use super::{BakeCache, BakeError, Baked, Progress, bake, bake_added, bake_scene};
 
 /// A folder with a scene and a store.
 struct BakeFixture {

@@ -34,7 +34,8 @@ pub(super) fn read(
     let mut progress = |_| {};
     let choice = SceneChoice::of(&source.document, None)?;
     let mut job = BakeJob::new(&source, choice, blobs, &mut progress, cancel);
-    let node::Placed { nodes, meshes, .. } = node::read(&mut job, &ClipTargets::default())?;
+    let clips = ClipTargets::default();
+    let node::Placed { nodes, meshes, .. } = node::read(&mut job, &clips, false)?;
     let scene = Scene { nodes, ..Scene::default() };
     let mut mesh = ImportedMesh { vertices: Vec::new(), triangles: Vec::new() };
     let mut origins = Vec::new();

@@ -1,6 +1,8 @@
 //! Clips: what moves is at every time where a reference in f64 has it, and what is broken is noted.
 
+use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use glam::{DAffine3, DQuat, DVec3};
 use polyptych_scene::deformation::Deformer;
@@ -8,7 +10,7 @@ use polyptych_scene::{CLIPS_MAX, ClipTime, Edit, Motion, NodeId, PlacedNodes, Sc
 use serde_json::{Value, json};
 
 use super::builder::Builder;
-use super::{BakeFixture, bake_builder};
+use super::{BakeFixture, bake_added, bake_builder};
 
 /// World positions of all vertices that meshes without instances draw at a time of a clip.
 fn drawn_at(place: &BakeFixture, scene: &Scene, clip: u32, time_s: f64) -> Vec<DVec3> {
@@ -264,6 +266,26 @@ fn skins_of_many_vertices_are_bent_by_clips_alone() {
         builder.json["animations"] = clips;
         assert_eq!(bake_builder(&builder).2.deformations.len(), 1, "{vertices} vertices");
     }
+}
+
+#[test]
+fn edits_bend_no_skins_of_files_that_are_added_to_a_scene() {
+    let place = BakeFixture::new();
+    let added = |path: &Path| {
+        let baked = bake_added(path, &place.store, &mut |_| {}, &AtomicBool::new(false));
+        baked.expect("baked")
+    };
+    let mut builder = bar([0.0; 3]);
+    builder.json["animations"] = json!([]);
+    let path = place.write("bar.glb", &builder.glb());
+    let opened = place.bake(&path).expect("baked");
+    let first = added(&path);
+    assert!(!first.reused && added(&path).reused);
+    assert_eq!([&opened, &first].map(|of| place.scene(of).deformations.len()), [1, 0]);
+    // Without a skin there is no difference.
+    let path = place.write("triangle.glb", &Builder::triangle().glb());
+    let opened = place.bake(&path).expect("baked");
+    assert!(added(&path).reused && added(&path).manifest == opened.manifest);
 }
 
 #[test]
