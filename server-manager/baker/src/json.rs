@@ -4,7 +4,8 @@
 //! Exporters of dynamic languages write `1.0` where the schema of glTF has an integer, and JSON
 //! has one kind of number. A [`Reader`] around a deserializer takes whole floats for integers,
 //! whatever type asks, and remembers where in the tree reading failed. Of a key that stands twice
-//! programs take the first or the last value: such a file is refused, but for its `extras`.
+//! programs take the first or the last value: such a file is refused, unless only its `extras` have
+//! one, or what is kept as it stands there, such as extensions that nobody draws.
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -73,7 +74,7 @@ impl Track {
 enum Mode<'t> {
     /// A value without a special type.
     Plain,
-    /// A value that may be an object of any keys.
+    /// An object whose keys may be any.
     Map,
     /// An integer, which may be written as a float.
     Integer,
@@ -82,7 +83,7 @@ enum Mode<'t> {
 }
 
 impl Mode<'_> {
-    /// The mode in which a value is read that may be an object of any keys.
+    /// The mode in which an object is read whose keys may be any.
     fn or_map(self) -> Self {
         if let Self::Plain = self { Self::Map } else { self }
     }
@@ -123,13 +124,13 @@ impl<'de, D: Deserializer<'de>> Deserializer<'de> for Reader<'_, D> {
     }
 
     // Structs check the keys that they know.
-    deserialize! { Mode::or_map; deserialize_any(), deserialize_map() }
+    deserialize! { Mode::or_map; deserialize_map() }
 
     deserialize! { |mode| mode;
-        deserialize_bool(), deserialize_f32(), deserialize_f64(), deserialize_char(),
-        deserialize_str(), deserialize_string(), deserialize_bytes(), deserialize_byte_buf(),
-        deserialize_option(), deserialize_unit(), deserialize_seq(), deserialize_identifier(),
-        deserialize_ignored_any(),
+        deserialize_any(), deserialize_bool(), deserialize_f32(), deserialize_f64(),
+        deserialize_char(), deserialize_str(), deserialize_string(), deserialize_bytes(),
+        deserialize_byte_buf(), deserialize_option(), deserialize_unit(), deserialize_seq(),
+        deserialize_identifier(), deserialize_ignored_any(),
         deserialize_unit_struct(name: &'static str),
         deserialize_newtype_struct(name: &'static str),
         deserialize_tuple(len: usize),
@@ -391,10 +392,9 @@ mod tests {
     }
 
     #[test]
-    fn keys_that_stand_twice_are_refused_with_their_path_but_in_extras() {
+    fn keys_that_stand_twice_are_refused_with_their_path_but_in_what_nobody_reads() {
         for (text, key) in [
             (r#"{ "list": [{ "by_name": { "a": 1, "b": 2, "a": 3 } }] }"#, "list[0].by_name.a"),
-            (r#"{ "list": [{ "other": [{ "b": { "c": 1, "c": 1 } }] }] }"#, "list[0].other[0].b.c"),
             (r#"{ "list": [{}, { "count": 1, "list": [], "count": 2 }] }"#, "list[1].count"),
         ] {
             let (path, reason) = failure(text);
@@ -403,8 +403,9 @@ mod tests {
             assert!(reason.starts_with(&format!("duplicate field `{name}` at line 1")), "{reason}");
         }
         let text = r#"{ "by_name": { "a": 1 }, "list": [{ "by_name": { "a": 2 } }],
-            "extras": { "a": 1, "a": { "b": 2, "b": 3 } } }"#;
+            "extras": { "a": 1, "a": { "b": 2, "b": 3 } }, "other": [{ "c": 4, "c": 5 }] }"#;
         let tree: Tree = from_slice(text.as_bytes()).expect("a tree");
         assert_eq!(tree.others["extras"], serde_json::json!({ "a": { "b": 3 } }));
+        assert_eq!(tree.others["other"], serde_json::json!([{ "c": 5 }]));
     }
 }
