@@ -25,6 +25,8 @@ pub(super) struct BentMesh {
     pub skin: Option<Skin>,
     /// At rest.
     pub rest: Shape,
+    /// Only edits bend it: its weights stay as they are.
+    pub keeps_weights: bool,
 }
 
 impl BentMesh {
@@ -33,7 +35,7 @@ impl BentMesh {
         let mut weights = pose.weights.clone();
         weights.resize(target_count, 0.0);
         let rest = Shape { joints: pose.joints.clone(), rigid: pose.rigid, weights };
-        Self { node: 0, file_node, skin: None, rest }
+        Self { file_node, rest, ..Self::default() }
     }
 
     /// The deformation of the scene, of which this is the index of the mesh.
@@ -92,9 +94,11 @@ impl Bindings {
         let names: [Option<String>; MORPHED_ATTRIBUTES] =
             [Some("POSITION".into()), normal, tangents, uv(uv0), uv(uv1), color];
         let mut targets = Vec::new();
-        for target in 0..bent.rest.weights.len() {
+        for (target, weight) in bent.rest.weights.iter().enumerate() {
             let mut all: [Option<Vec<f32>>; MORPHED_ATTRIBUTES] = Default::default();
-            for (slot, name) in all.iter_mut().zip(&names) {
+            // A target that never counts may be broken.
+            let counts = !bent.keeps_weights || *weight != 0.0;
+            for (slot, name) in all.iter_mut().zip(&names).filter(|_| counts) {
                 let Some(name) = name else { continue };
                 *slot = deltas(job, json, (target, name), count, place)?;
             }

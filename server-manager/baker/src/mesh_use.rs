@@ -179,7 +179,8 @@ impl Meshes {
         let bent = is_bent.then(skin).flatten().map(|skin| {
             // Edits change no weights: targets without one are of no use.
             let targets = if is_moved { target_count(json) } else { pose.weights.len() };
-            BentMesh { skin: Some(skin), ..BentMesh::new(index, &pose, targets) }
+            let bent = BentMesh::new(index, &pose, targets);
+            BentMesh { skin: Some(skin), keeps_weights: !is_moved, ..bent }
         });
         if is_moved && bent.is_none() {
             job.warn(&format!("{place}: its joints are not in the shown scene and do not move"));

@@ -246,6 +246,22 @@ fn edits_of_joints_bend_a_mesh_that_no_clip_bends() {
 }
 
 #[test]
+fn targets_that_no_clip_can_weigh_may_be_broken() {
+    let mut builder = bar([0.0; 3]);
+    builder.json["animations"] = json!([]);
+    let targets = [vec![f32::NAN; 12], vec![1.0; 3], vec![0.5; 12]];
+    let targets = targets.map(|of| json!({ "POSITION": builder.floats("VEC3", &of) }));
+    builder.json["meshes"][0]["primitives"][0]["targets"] = json!(targets);
+    builder.json["meshes"][0]["weights"] = json!([0, 0, 1]);
+    let (place, baked, scene) = bake_builder(&builder);
+    assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+    assert_eq!(scene.deformations[0].weights, [0.0, 0.0, 1.0]);
+    let raised = bar_at([0.0; 3], 0.0).into_iter().map(|at| at + DVec3::splat(0.5));
+    let raised: Vec<DVec3> = raised.collect();
+    assert_same(&drawn_with(&place, &scene, &SceneEdits::default(), &[]), &raised, 1e-6);
+}
+
+#[test]
 fn skins_of_many_vertices_are_bent_by_clips_alone() {
     for (vertices, bent) in [(1 << 18, 1), ((1 << 18) + 1, 0)] {
         let mut builder = bar([0.0; 3]);
