@@ -27,6 +27,8 @@ pub struct Motion {
     elsewhere: Vec<MovedPlace>,
     /// Nodes that may move, parents before their children, which is rising too.
     movers: Vec<Mover>,
+    /// The indices of these, and of those that move once an edit turns a joint; rising.
+    may_move: Vec<u32>,
     /// One for each of the scene's deformations that has a skin.
     skeletons: Vec<Option<Skeleton>>,
     looks: Looks,
@@ -73,6 +75,9 @@ struct Skeleton {
     /// The bone of each joint; `None` for the top itself.
     joints: Vec<Option<usize>>,
     rigid: Option<usize>,
+    /// The place of the node that draws the skin below its top, as in the file; `None` where
+    /// something moves it.
+    still: Option<DVec3>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -80,6 +85,8 @@ struct Bone {
     parent: Option<usize>,
     local: DAffine3,
     moves: Moves,
+    /// It is where it is in the file, and no clip moves it.
+    is_still: bool,
 }
 
 /// A moment of a scene that moves.
@@ -112,6 +119,17 @@ impl Moves {
     }
 }
 
+/// These nodes, and all that hangs from them.
+fn with_children(placed: &PlacedNodes, nodes: impl Iterator<Item = u32>) -> BTreeSet<u32> {
+    let (mut all, mut open) = (BTreeSet::new(), Vec::from_iter(nodes));
+    while let Some(index) = open.pop() {
+        if all.insert(index) {
+            open.extend(placed.children(index));
+        }
+    }
+    all
+}
+
 /// The nodes that edits gave a mesh that bends: its vertices are those of all who show it.
 fn sharers(base: &Scene, edits: &SceneEdits) -> impl Iterator<Item = NodeId> {
     let bends = |mesh: u32| base.deformations.iter().any(|of| of.mesh == mesh);
@@ -128,20 +146,32 @@ impl Motion {
             return None;
         }
         let elsewhere = placed.moved(base, edits).unwrap_or_default();
-        let (movers, skeletons) = (Vec::new(), Vec::new());
-        let mut motion = Self { base: Arc::clone(base), elsewhere, movers, skeletons, looks };
+        let mut motion = Self {
+            base: Arc::clone(base),
+            elsewhere,
+            movers: Vec::new(),
+            may_move: Vec::new(),
+            skeletons: Vec::new(),
+            looks,
+        };
         let mut tops: BTreeMap<u32, Moves> = BTreeMap::new();
         for (at, of) in base.animations.nodes.iter().enumerate() {
             if let Some(index) = placed.index_of(NodeId(of.node.into())) {
                 tops.insert(index, motion.animated(at));
             }
         }
+        let mut still = Vec::new();
         for (at, of) in base.deformations.iter().enumerate() {
-            let place = placed.index_of(NodeId(of.node.into())).filter(|_| of.skin.is_some());
-            motion.skeletons.push(of.skin.as_ref().map(|skin| motion.skeleton(edits, skin)));
-            if let Some(index) = place {
-                tops.insert(index, Moves::Joints(at, base.nodes[of.node as usize].local));
+            let skeleton = of.skin.as_ref().map(|skin| motion.skeleton(edits, of, skin));
+            let index = placed.index_of(NodeId(of.node.into()));
+            if let (Some(skeleton), Some(index)) = (&skeleton, index) {
+                if skeleton.still.is_some() {
+                    still.push(index);
+                } else {
+                    tops.insert(index, Moves::Joints(at, base.nodes[of.node as usize].local));
+                }
             }
+            motion.skeletons.push(skeleton);
         }
         let of_file = motion.looks.nodes().chain(motion.lamps(edits));
         let of_file = of_file.map(|node| NodeId(node.into()));
@@ -151,6 +181,8 @@ impl Motion {
             }
         }
         motion.add_movers(placed, edits, &tops);
+        let all = tops.into_keys().chain(still);
+        motion.may_move = with_children(placed, all).into_iter().collect();
         Some(motion)
     }
 
@@ -183,16 +215,9 @@ impl Motion {
         edits: &SceneEdits,
         tops: &BTreeMap<u32, Moves>,
     ) {
-        let mut all: BTreeMap<u32, Moves> = BTreeMap::new();
-        let mut open: Vec<u32> = tops.keys().copied().collect();
-        while let Some(index) = open.pop() {
-            let moves = tops.get(&index).copied().unwrap_or(Moves::Never);
-            if all.insert(index, moves).is_none() {
-                open.extend(placed.children(index));
-            }
-        }
         let mut mover_of: BTreeMap<u32, usize> = BTreeMap::new();
-        for (index, moves) in all {
+        for index in with_children(placed, tops.keys().copied()) {
+            let moves = tops.get(&index).copied().unwrap_or(Moves::Never);
             let node = placed.id(index);
             let still = edits.local_of(&self.base, node).unwrap_or_default();
             let parent = placed.parent(index);
@@ -210,8 +235,9 @@ impl Motion {
         }
     }
 
-    fn skeleton(&self, edits: &SceneEdits, skin: &Skin) -> Skeleton {
-        let mut skeleton = Skeleton { bones: Vec::new(), joints: Vec::new(), rigid: None };
+    fn skeleton(&self, edits: &SceneEdits, of: &Deformation, skin: &Skin) -> Skeleton {
+        let (bones, joints) = (Vec::new(), Vec::new());
+        let mut skeleton = Skeleton { bones, joints, rigid: None, still: None };
         let mut known: BTreeMap<u32, usize> = BTreeMap::new();
         for joint in &skin.joints {
             let bone = self.bone(edits, (skin.top, joint.node), &mut skeleton.bones, &mut known);
@@ -220,6 +246,9 @@ impl Motion {
         let rigid = skin.rigid;
         skeleton.rigid = rigid
             .and_then(|node| self.bone(edits, (skin.top, node), &mut skeleton.bones, &mut known));
+        // What counts as moving is drawn anew into all maps of shadows while anything moves.
+        let is_still = of.weights_of.is_none() && skeleton.bones.iter().all(|bone| bone.is_still);
+        skeleton.still = is_still.then(|| self.base.nodes[of.node as usize].local.translation);
         skeleton
     }
 
@@ -244,7 +273,8 @@ impl Motion {
             let animated = &self.base.animations.nodes;
             let at = animated.binary_search_by_key(&node, |of| of.node);
             let moves = at.map_or(Moves::Never, |at| self.animated(at));
-            bones.push(Bone { parent, local, moves });
+            let is_still = at.is_err() && local == of_file;
+            bones.push(Bone { parent, local, moves, is_still });
             parent = Some(bones.len() - 1);
             known.insert(node, bones.len() - 1);
         }
@@ -275,7 +305,7 @@ impl Motion {
 
     /// Says of the placed nodes and of the materials what clips may do to them.
     pub fn add_traits(&self, traits: &mut NodeTraits) {
-        traits.moving = self.movers().collect();
+        traits.moving.clone_from(&self.may_move);
         traits.may_mirror = self.may_mirror();
         traits.changing_lights = self.changing_lights().collect();
         traits.changing_materials = self.looks.changing(&self.base);
@@ -296,7 +326,8 @@ impl Motion {
         &self.base
     }
 
-    /// The indices of the nodes that may move among the placed nodes, rising.
+    /// The indices of the nodes that may move among the placed nodes, rising: none of a skin that
+    /// no clip moves and no edit has bent.
     pub fn movers(&self) -> impl Iterator<Item = u32> + '_ {
         self.movers.iter().map(|mover| mover.index)
     }
@@ -359,7 +390,7 @@ fn shape(of: &Deformation, skeleton: Option<&Skeleton>, poses: &[NodePose]) -> (
     let joints = skeleton.joints.iter().zip(&skin.joints);
     let mut joints: Vec<DAffine3> =
         joints.map(|(bone, joint)| world(bone) * joint.inverse_bind).collect();
-    let anchor = median(&joints);
+    let anchor = skeleton.still.unwrap_or_else(|| median(&joints));
     for matrix in &mut joints {
         matrix.translation -= anchor;
     }

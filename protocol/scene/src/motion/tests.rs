@@ -199,3 +199,29 @@ fn joints_are_added_up_below_the_top_near_where_they_are() {
     let tip = posed.shapes[0].joints[1].transform_point3(DVec3::new(3.0, 0.0, 0.0));
     assert_eq!(mesh.transform_point3(tip), DVec3::new(17.0, 0.0, 0.0));
 }
+
+#[test]
+fn a_skin_that_nothing_moves_stands_still_until_an_edit_turns_a_joint() {
+    let mut base = (*scene()).clone();
+    // A joint, and the node that draws what follows it, which stands where the joint does.
+    let local = DAffine3::from_translation(DVec3::X * 30.0);
+    base.nodes.extend([0; 2].map(|_| Node { local, ..Node::default() }));
+    let joints = vec![Joint { node: 4, inverse_bind: DAffine3::IDENTITY }];
+    let skin = Some(Skin { top: None, joints, rigid: None });
+    let (mesh, node, weights, weights_of) = (0, 5, Vec::new(), None);
+    base.deformations.push(Deformation { mesh, node, skin, weights, weights_of });
+    let base = Arc::new(base);
+    for (x, movers) in [(30.0, vec![1, 2]), (33.0, vec![1, 2, 5]), (30.0, vec![1, 2])] {
+        let motion = motion(&base, &edited([moved(4, x)]));
+        assert_eq!(motion.movers().collect::<Vec<_>>(), movers, "{x} m");
+        // The scene stays as it was laid out while edits come and go.
+        let mut traits = NodeTraits::default();
+        motion.add_traits(&mut traits);
+        assert_eq!(traits.moving, [1, 2, 5]);
+        let moment = motion.at(&[]);
+        let place = moment.places.iter().find(|(index, ..)| *index == 5);
+        let world = place.map_or(local, |(_, _, world)| *world);
+        let bound = moment.shapes[0].joints[0].transform_point3(DVec3::ZERO);
+        assert_eq!(world.transform_point3(bound), DVec3::X * x);
+    }
+}
