@@ -60,6 +60,14 @@ const GATHERED_REACH: i64 = 2;
 /// of more than 130° to both sides has fewer to a radian for that.
 pub(crate) const TEXELS_MAX: u64 = 8 << 20;
 
+/// Texels of all pictures of what is behind glass in a group of views, at most, unless it is one
+/// view: 1 GB with four samples each.
+const BEHIND_TEXELS_MAX: u64 = 16 << 20;
+
+/// Texels of a side of the texture of these pictures, unless one of them is longer: groups take
+/// turns in it, and a long one and a high one would make it both.
+const BEHIND_SIDE: u32 = 4096;
+
 /// The coarsest texel of a picture, as a power of two in pixels.
 const SCALE_MAX: u32 = 12;
 
@@ -136,6 +144,13 @@ impl GuardedRegion {
         let rectangle = rectangle.map(i64::from);
         let around = |levels, reach| Self::around(view, rectangle, (scale, levels), reach);
         [around(0, GATHERED_REACH), around(LEVELS, GATHERED_REACH + FOCUS_REACH)]
+    }
+
+    /// Returns the pictures of what is behind glass in the picture of a view, where glass is all
+    /// over it: those that are drawn are no larger.
+    pub fn pictures_behind(&self, of: &ViewDesc) -> Vec<Self> {
+        let ([x, y], [width, height]) = (self.place, self.size);
+        Self::of_view(&self.view(of), [x, y, width, height])
     }
 
     /// All of it in pixels of the target: x, y, width, height.
@@ -290,4 +305,19 @@ pub(crate) fn pack<'a>(
         sides = [sides[0].max(x), sides[1].max(y + height)];
     }
     (sides[1] <= side_max).then_some(sides)
+}
+
+/// Places pictures of what is behind glass as [`pack`] does: in short rows, if they fit.
+pub(crate) fn pack_behind(mut regions: Vec<&mut GuardedRegion>, side_max: u32) -> Option<[u32; 2]> {
+    let is_short = regions.iter().flat_map(|of| of.size).all(|side| side <= BEHIND_SIDE);
+    let side = if is_short { side_max.min(BEHIND_SIDE) } else { side_max };
+    let sides = pack(regions.iter_mut().map(|of| &mut **of), side);
+    sides.or_else(|| pack(regions.into_iter(), side_max))
+}
+
+/// Returns whether a group of views may have these pictures of what is behind glass.
+pub(crate) fn has_room_behind(pictures: &[GuardedRegion], side_max: u32) -> bool {
+    let mut pictures = pictures.to_vec();
+    let sides = pack_behind(pictures.iter_mut().collect(), side_max);
+    sides.is_some_and(|[width, height]| u64::from(width) * u64::from(height) <= BEHIND_TEXELS_MAX)
 }

@@ -101,7 +101,7 @@ impl OcclusionMaps {
             view.ambient_occlusion.map(|_| GuardedRegion::of_occlusion(view, rectangle))
         });
         let planned: Vec<_> = planned.collect();
-        let depths = planned.iter().map(|of| of.map(|[_, depths]| depths));
+        let depths = planned.iter().map(|of| (of.map(|[_, depths]| depths), Vec::new()));
         let groups = RegionGroup::of_frame(depths, side_max);
         if groups.is_empty() {
             self.age();

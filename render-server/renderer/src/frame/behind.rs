@@ -15,22 +15,19 @@ use crate::DrawError;
 use crate::bindings::uniform_stride;
 use crate::draw_list::{DrawList, VisibleItems, touched};
 use crate::gpu::Gpu;
-use crate::guarded_region::{BehindUniform, GuardedRegion, pack};
+use crate::guarded_region::{BehindUniform, GuardedRegion, has_room_behind, pack_behind};
 use crate::pass::behind::{BehindPass, BehindTexture};
 use crate::pass::tonemap::light_color;
 use crate::pass::{opaque, transparent};
 use crate::picture_target::PictureTarget;
 use crate::pipeline::{PipelineKey, PipelineVariant};
+use crate::region_group::GlassRegion;
 use crate::scene::GpuScene;
 use crate::target::Target;
 use crate::view::ViewDesc;
 
 /// A texture that was not used in so many frames of channels leaves its memory.
 const KEPT_FRAMES: u32 = 256;
-
-/// Maximum number of texels for a group of views, unless it is one view: 1 GB with four samples
-/// each.
-const TEXELS_MAX: u64 = 16 << 20;
 
 /// The texture of the frames, and the pass that makes it; nothing of it before it is needed.
 #[derive(Debug, Default)]
@@ -224,8 +221,19 @@ pub(super) fn planned(scene: &GpuScene, shown: &[ShownView]) -> Vec<Vec<GuardedR
     shown.iter().map(of_view).collect()
 }
 
-/// Divides the views of a frame into groups whose pictures take textures of up to [`TEXELS_MAX`]
-/// texels, with sides up to `side_max`. All views are in one group where none has a picture.
+/// The region of a view that glows or is blurred, with what may be behind glass in its picture.
+pub(super) fn glass_region(
+    scene: &GpuScene,
+    view: &ViewDesc,
+    region: Option<GuardedRegion>,
+) -> GlassRegion {
+    let transmits = scene.layout.keys.iter().any(PipelineKey::transmits);
+    let seen = region.filter(|_| transmits);
+    (region, seen.map_or_else(Vec::new, |of| of.pictures_behind(view)))
+}
+
+/// Divides the views of a frame into groups whose pictures have room in a texture that a group may
+/// have, with sides up to `side_max`. All views are in one group where none has a picture.
 pub(super) fn groups(regions: Vec<Vec<GuardedRegion>>, side_max: u32) -> Vec<GlassGroup> {
     let begun_at = |view: usize| GlassGroup { views: view..view, regions: Vec::new() };
     let mut groups = vec![begun_at(0)];
@@ -249,8 +257,7 @@ impl GlassGroup {
             return true;
         }
         all.extend_from_slice(of_view);
-        let sides = pack(all.iter_mut(), side_max);
-        sides.is_some_and(|[width, height]| u64::from(width) * u64::from(height) <= TEXELS_MAX)
+        has_room_behind(&all, side_max)
     }
 }
 
@@ -263,11 +270,11 @@ pub(super) fn is_covered(picture: &GuardedRegion) -> bool {
 /// Places all pictures, or only the wide ones if there is no room for the sharp ones: a frame that
 /// is less sharp behind glass is better than none.
 fn packed(regions: &mut [Vec<GuardedRegion>], side_max: u32) -> Option<[u32; 2]> {
-    pack(regions.iter_mut().flatten(), side_max).or_else(|| {
+    pack_behind(regions.iter_mut().flatten().collect(), side_max).or_else(|| {
         for of_view in &mut *regions {
             of_view.drain(..of_view.len().saturating_sub(1));
         }
-        pack(regions.iter_mut().flatten(), side_max)
+        pack_behind(regions.iter_mut().flatten().collect(), side_max)
     })
 }
 

@@ -8,7 +8,7 @@ use polyptych_scene::FramePass;
 
 use super::FrameResources;
 use super::begun_frame::ShownView;
-use super::behind::{BehindBinding, DrawnWith, PicturesOf, planned};
+use super::behind::{BehindBinding, DrawnWith, PicturesOf, glass_region, planned};
 use super::frame_buffer::FrameBuffer;
 use super::submission::Submission;
 use crate::DrawError;
@@ -78,7 +78,10 @@ impl DiscPictures {
         (shown, regions): (&[ShownView], &[Places]),
     ) -> Result<bool, DrawError> {
         let side_max = gpu.device.limits().max_texture_dimension_2d;
-        let pictures = regions.iter().map(|of| of.map(|[_, picture]| picture));
+        let pictures = shown.iter().zip(regions).map(|((view, _), of)| {
+            let picture = of.map(|[_, picture]| picture);
+            glass_region(scene, view, picture)
+        });
         let groups = RegionGroup::of_frame(pictures, side_max);
         if groups.is_empty() {
             self.age();

@@ -4,7 +4,7 @@ use polyptych_scene::{FramePass, GLOW_OCTAVES, Glow, ToneMapper};
 
 use super::FrameResources;
 use super::begun_frame::ShownView;
-use super::behind::{BehindPictures, DrawnWith, PicturesOf};
+use super::behind::{BehindPictures, DrawnWith, PicturesOf, glass_region};
 use super::frame_buffer::FrameBuffer;
 use super::submission::Submission;
 use crate::DrawError;
@@ -12,7 +12,7 @@ use crate::bindings::uniform_stride;
 use crate::gpu::Gpu;
 use crate::guarded_region::{GuardedRegion, LEVELS};
 use crate::pass::glow::{GlowPass, GlowUniform, SpreadPart};
-use crate::region_group::RegionGroup;
+use crate::region_group::{GlassRegion, RegionGroup};
 use crate::scene::GpuScene;
 use crate::target::Target;
 use crate::view::ViewDesc;
@@ -40,10 +40,11 @@ pub(super) struct SpreadLight {
 }
 
 /// The region of each view that glows.
-fn regions(shown: &[ShownView]) -> impl Iterator<Item = Option<GuardedRegion>> {
-    shown.iter().map(|(view, visible)| {
+fn regions(scene: &GpuScene, shown: &[ShownView]) -> impl Iterator<Item = GlassRegion> {
+    shown.iter().map(move |(view, visible)| {
         let glows = view.glow.is_some() && !view.is_parallel();
-        glows.then(|| GuardedRegion::of_glow(view, visible.rectangle))
+        let region = glows.then(|| GuardedRegion::of_glow(view, visible.rectangle));
+        glass_region(scene, view, region)
     })
 }
 
@@ -69,7 +70,7 @@ impl FrameResources {
         shown: &[ShownView],
     ) -> Result<BegunGlow, DrawError> {
         let side_max = gpu.device.limits().max_texture_dimension_2d;
-        let groups = RegionGroup::of_frame(regions(shown), side_max);
+        let groups = RegionGroup::of_frame(regions(of.0, shown), side_max);
         let first = groups.first().map(|group| self.draw_glow(gpu, with, of, shown, group));
         if first.is_none() {
             self.glow.pictures.age();
