@@ -94,6 +94,9 @@ pub(crate) struct FrameResources {
     timer: FrameTimer,
     /// The end of the frame that was finished last.
     done: Option<Instant>,
+    /// The next frame is the first of a round: of frames that are submitted before one of them is
+    /// finished, as those of a server's channels are.
+    begins_round: bool,
 }
 
 impl FrameResources {
@@ -119,6 +122,7 @@ impl FrameResources {
             times: PassTimer::default(),
             timer: FrameTimer::default(),
             done: None,
+            begins_round: true,
         }
     }
 
@@ -275,6 +279,7 @@ impl FrameResources {
     ) -> Result<DrawStats, DrawError> {
         let SubmittedFrame { submission, timer, mut stats, items, is_culling, begin, start } =
             frame;
+        self.begins_round = true;
         let before = self.done;
         stats.gpu_us = us(self.finish_submission(gpu, &submission)?);
         // Several frames are a pipeline: what one of them adds to the time of all is the time from

@@ -21,9 +21,13 @@ use crate::view::ViewDesc;
 /// Maps that were not used in so many frames of channels leave their memory.
 const KEPT_FRAMES: u64 = 256;
 
-/// Bytes of all maps of one kind, as many as those of one camera, beyond which maps that a frame
-/// does not use leave their memory, those of the earliest frame first.
+/// Bytes of all maps of one kind, as many as those of one camera, beyond which maps that a round of
+/// frames does not use leave their memory, those of the earliest frame first.
 const BYTES_MAX: u64 = 256 << 20;
+
+/// Bytes of the maps of one kind of a round, as many as those of four cameras, beyond which its
+/// frames take maps from each other, and draw them anew each time.
+const ROUND_BYTES_MAX: u64 = 4 * BYTES_MAX;
 
 /// Maximum number of passes of one submission: each has the uniforms of a view, and a map has up
 /// to [`PASSES_OF_MAP`].
@@ -67,7 +71,10 @@ struct Passes {
 #[derive(Debug, Default)]
 pub(super) struct MapSets {
     sets: Vec<MapSet>,
+    /// The number of the frame of a channel.
     frame: u64,
+    /// That of the first frame of the round: of all channels of a server.
+    round: u64,
 }
 
 /// Maps that a frame must draw.
@@ -83,8 +90,11 @@ impl MapOrders {
 
 impl MapSets {
     /// Begins a frame: leaves what was not used for long, or is of a scene that is gone.
-    pub fn begin_frame(&mut self) {
+    pub fn begin_frame(&mut self, begins_round: bool) {
         self.frame += 1;
+        if begins_round {
+            self.round = self.frame;
+        }
         let kept = self.frame.saturating_sub(KEPT_FRAMES);
         let is_kept = |set: &MapSet| set.used >= kept && !set.is_empty();
         self.sets.retain(|set| is_kept(set) && !set.subject().scene.is_gone());
@@ -103,7 +113,7 @@ impl MapSets {
         &mut self.sets[set]
     }
 
-    /// The set that has most of these maps already, by layer, and is not used in this frame for
+    /// The set that has most of these maps already, by layer, and is not used in this round for
     /// others. Those that it lacks are ordered for a view.
     pub fn find(
         &mut self,
@@ -126,27 +136,41 @@ impl MapSets {
         (subject, extent): (&Subject, Bounds),
         (wanted, side): (&[ShadowMap], u32),
     ) -> usize {
-        let frame = self.frame;
+        let in_use = self.in_use_from(side, wanted.len());
         let fitting = self.sets.iter().enumerate().filter_map(|(at, set)| {
             let equal = set.equal_to(subject, (wanted, side))?;
-            let is_free = set.used < frame || equal[0] == wanted.len();
+            let is_free = set.used < in_use || equal[0] == wanted.len();
             is_free.then_some((equal, at))
         });
         let found = fitting.max().map(|(_, at)| at);
         // Of another place of the same camera, or of another scene: its memory is used again.
-        let has_room = |set: &MapSet| set.used < frame && set.has_size(side, wanted.len());
+        let has_room = |set: &MapSet| set.used < in_use && set.has_size(side, wanted.len());
         let at = found.or_else(|| self.sets.iter().position(has_room));
-        let at = at.unwrap_or_else(|| self.add(gpu, (subject, extent), (side, wanted.len())));
+        let size = (side, wanted.len());
+        let at = at.unwrap_or_else(|| self.add(gpu, (subject, extent), size, in_use));
         self.sets[at].set_subject(subject, extent);
-        self.sets[at].used = frame;
+        self.sets[at].used = self.frame;
         at
+    }
+
+    /// The number of the frame from which on sets are in use, where one of this size is wanted.
+    fn in_use_from(&self, side: u32, count: usize) -> u64 {
+        let of_round = self.sets.iter().filter(|set| set.used >= self.round);
+        let bytes = of_round.map(MapSet::bytes).sum::<u64>() + MapSet::bytes_of(side, count);
+        if bytes <= ROUND_BYTES_MAX { self.round } else { self.frame }
     }
 
     /// Adds a set of so many maps, and makes room for it: sets keep their places while a frame is
     /// drawn, so what leaves its memory is empty until the next one begins.
-    fn add(&mut self, gpu: &Gpu, of: (&Subject, Bounds), (side, count): (u32, usize)) -> usize {
+    fn add(
+        &mut self,
+        gpu: &Gpu,
+        of: (&Subject, Bounds),
+        (side, count): (u32, usize),
+        in_use: u64,
+    ) -> usize {
         let mut all = self.bytes() + MapSet::bytes_of(side, count);
-        let is_free = |at: &usize| self.sets[*at].used < self.frame;
+        let is_free = |at: &usize| self.sets[*at].used < in_use;
         let mut free: Vec<usize> = (0..self.sets.len()).filter(is_free).collect();
         free.sort_by_key(|at| self.sets[*at].used);
         for at in free {

@@ -115,8 +115,9 @@ impl Shadows {
         scene: &GpuScene,
         shown: &[ShownView],
     ) -> Result<FrameShadows, DrawError> {
-        self.suns.begin_frame();
-        self.lamps.begin_frame();
+        let begins_round = std::mem::take(&mut frames.begins_round);
+        self.suns.begin_frame(begins_round);
+        self.lamps.begin_frame(begins_round);
         if self.filter == ShadowFilter::Off || !scene.layout.lights.has_shadows() {
             return Ok(FrameShadows::default());
         }

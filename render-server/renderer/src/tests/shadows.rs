@@ -367,6 +367,32 @@ fn maps_of_a_viewer_who_comes_nearer_do_not_pile_up() {
 }
 
 #[test]
+fn channels_of_two_cameras_keep_more_maps_than_those_of_one() {
+    let suns = [20.0, 110.0, 200.0, 290.0].map(|azimuth| toward(50.0, azimuth));
+    let scene = town(DVec3::ZERO, grey(), &suns).build();
+    // 8 maps and 12, of 16 MiB each.
+    let views = [20.0, 6.0].map(|height| look(DVec3::new(0.0, height, 0.1), DVec3::ZERO, SIZE));
+    let mut renderer = Renderer::new(gpu(), 1).unwrap();
+    renderer.set_shadows(ShadowFilter::Soft);
+    renderer.prepare(gpu(), &scene);
+    let is_light = scene.has_transparency();
+    let mut targets = [0; 2].map(|_| Target::new(gpu(), SIZE, 1, is_light).unwrap());
+    for round in 0..3 {
+        let begin = |(view, target): (&ViewDesc, &mut Target)| {
+            renderer.begin(gpu(), &scene, target, std::slice::from_ref(view)).unwrap()
+        };
+        let begun: Vec<_> = views.iter().zip(&mut targets).map(begin).collect();
+        let submit = |(begun, target)| renderer.submit(gpu(), &scene, target, begun).unwrap();
+        let submitted: Vec<_> = begun.into_iter().zip(&mut targets).map(submit).collect();
+        let finish = |(frame, target)| renderer.finish(gpu(), target, frame).unwrap().shadow_maps;
+        let drawn: u32 = submitted.into_iter().zip(&mut targets).map(finish).sum();
+        assert_eq!(drawn >= 20, round == 0, "round {round}: {drawn} maps");
+        assert!(round == 0 || drawn == 0, "round {round}: {drawn} maps");
+        assert!(renderer.shadows.held_bytes()[0] >= 20 << 24);
+    }
+}
+
+#[test]
 fn scenes_without_suns_of_their_own_have_no_maps() {
     let dark = town(DVec3::ZERO, grey(), &[]).build();
     assert!(dark.layout.keys.iter().all(|key| !key.has_shadows()));
