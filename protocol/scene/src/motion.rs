@@ -121,7 +121,7 @@ impl Moves {
 
 /// These nodes, and all that hangs from them.
 fn with_children(placed: &PlacedNodes, nodes: impl Iterator<Item = u32>) -> BTreeSet<u32> {
-    let (mut all, mut open) = (BTreeSet::new(), Vec::from_iter(nodes));
+    let (mut all, mut open) = (BTreeSet::new(), nodes.collect::<Vec<_>>());
     while let Some(index) = open.pop() {
         if all.insert(index) {
             open.extend(placed.children(index));

@@ -470,7 +470,7 @@ fn names_and_numbers_of_clips_are_limited() {
 #[test]
 #[cfg_attr(not(has_shared_files), ignore = "no assets and walls in ../shared")]
 fn animated_assets_move() {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/assets");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/assets");
     let names = [
         ("animated/Fox.glb", 3),
         ("animated/MorphStressTest.gltf", 3),
