@@ -90,6 +90,7 @@ impl<'a> ByteSpan<'a> {
 mod tests {
     use std::sync::atomic::AtomicBool;
 
+    use super::super::source_file::SourceFiles;
     use super::*;
 
     #[test]
@@ -97,7 +98,8 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("a.bin");
         std::fs::write(&path, b"..0123456789..").expect("written");
-        let file = SourceFile::open(&path, 100, "file", &AtomicBool::new(false)).expect("opened").0;
+        let (files, none) = (SourceFiles::default(), AtomicBool::new(false));
+        let file = SourceFile::open(&files, &path, 100, "file", &none).expect("opened").0;
         let file = Buffer::File { file, first: 2, length: 10 };
         for buffer in [Buffer::Memory(b"0123456789".to_vec()), file] {
             let part = buffer.span().part(2, 6).expect("within");

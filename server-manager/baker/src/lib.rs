@@ -244,9 +244,12 @@ fn bake_file(
         return Ok(baked);
     }
     source.unpack(cancel)?;
+    source.check_reads()?;
     let mut job = BakeJob::new(&source, choice, store.blobs(), progress, cancel);
     let scene = job.scene(name, edits_bend)?;
     let baked = job.finish(&scene)?;
+    // A part that a disk withheld is no part that the scene lacks.
+    source.check_reads()?;
     store.record(key, &baked)?;
     Ok(baked)
 }

@@ -15,7 +15,7 @@ use polyptych_text::counted;
 use super::buffer::{Buffer, ByteSpan};
 use super::document::{BufferView, Document, ViewExtensions};
 use super::error::BakeError;
-use super::source_file::{self, SourceFile};
+use super::source_file::{self, SourceFile, SourceFiles};
 use super::uri::{self, UriTarget};
 use super::{compressed, container};
 
@@ -47,6 +47,7 @@ pub(super) struct GltfSource {
     /// Bytes of all files and `data:` URIs together.
     pub bytes: u64,
     elements_read: Cell<u64>,
+    files: SourceFiles,
     buffers: Vec<Buffer>,
     images: Vec<Image>,
 }
@@ -68,7 +69,8 @@ impl GltfSource {
     pub(super) fn open(path: &Path, cancel: &AtomicBool) -> Result<Self, BakeError> {
         let path = fs::canonicalize(path).map_err(|error| BakeError::io(path, error))?;
         let folder = path.parent().unwrap_or(Path::new("/")).to_path_buf();
-        let (file, hash) = SourceFile::open(&path, FILE_BYTES_MAX, "file", cancel)?;
+        let files = SourceFiles::default();
+        let (file, hash) = SourceFile::open(&files, &path, FILE_BYTES_MAX, "file", cancel)?;
         let mut digest = blake3::Hasher::new();
         digest.update(hash.0.as_slice());
         let (document, chunk) = container::parse(&file)?;
@@ -77,6 +79,7 @@ impl GltfSource {
             digest: BlobHash([0; 32]),
             bytes: file.length,
             elements_read: Cell::new(0),
+            files,
             buffers: Vec::new(),
             images: Vec::new(),
         };
@@ -114,7 +117,7 @@ impl GltfSource {
                             path => path?,
                         };
                         let (file, hash) =
-                            SourceFile::open(&path, BUFFER_BYTES_MAX, &place, cancel)?;
+                            SourceFile::open(&self.files, &path, BUFFER_BYTES_MAX, &place, cancel)?;
                         digest.update(hash.0.as_slice());
                         self.bytes += file.length;
                         Buffer::from(file)
@@ -190,7 +193,7 @@ impl GltfSource {
             Err(Unresolved::Outside(error)) => return Err(error),
             Err(Unresolved::Absent(error)) => return absent(error),
         };
-        match SourceFile::open(&path, IMAGE_BYTES_MAX, &place, cancel) {
+        match SourceFile::open(&self.files, &path, IMAGE_BYTES_MAX, &place, cancel) {
             Ok((file, hash)) => {
                 self.bytes += file.length;
                 digest.update(hash.0.as_slice());
@@ -210,6 +213,14 @@ impl GltfSource {
         }
         self.elements_read.set(read);
         Ok(())
+    }
+
+    /// Fails if a read of a file did, also where the part that needed it was left out.
+    ///
+    /// # Errors
+    /// Those of [`SourceFiles::check`].
+    pub(super) fn check_reads(&self) -> Result<(), BakeError> {
+        self.files.check()
     }
 
     /// Unpacks what the files hold in a compressed form.

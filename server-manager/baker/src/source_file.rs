@@ -2,10 +2,11 @@
 //! it is in memory.
 
 use std::fs::{self, File, Metadata};
-use std::io::{ErrorKind, Read};
+use std::io::{self, ErrorKind, Read};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
 
 use polyptych_files::blob::{BlobHash, BlobHasher};
@@ -16,16 +17,42 @@ use super::error::BakeError;
 /// Bytes read at a time, between two looks at the cancel flag.
 pub(super) const READ_BYTES: usize = 1 << 20;
 
+/// The files of one scene, with the first failure to read one of them.
+///
+/// Parts that cannot be read are left out of a scene with a note; that must not hide a failure of
+/// the disk, or a file that changed, as if the scene itself were at fault.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SourceFiles {
+    failure: Arc<Mutex<Option<BakeError>>>,
+}
+
+impl SourceFiles {
+    /// Fails if a read of one of the files did.
+    ///
+    /// # Errors
+    /// That of the first read that failed since the last call.
+    pub(super) fn check(&self) -> Result<(), BakeError> {
+        let failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner).take();
+        failure.map_or(Ok(()), Err)
+    }
+
+    fn keep(&self, error: BakeError) {
+        let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        failure.get_or_insert(error);
+    }
+}
+
 /// A file that is read again and again, and must stay as it is meanwhile.
 ///
 /// It is opened for each read: a scene may name more files than a process may have open.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct SourceFile {
     path: PathBuf,
     /// The size in bytes.
     pub length: u64,
     /// The time of the last change; `None` if the file system does not keep it.
     modified: Option<SystemTime>,
+    files: SourceFiles,
 }
 
 impl SourceFile {
@@ -34,6 +61,7 @@ impl SourceFile {
     /// # Errors
     /// It is not a plain file, is larger, or cannot be read; [`BakeError::Cancelled`].
     pub(super) fn open(
+        files: &SourceFiles,
         path: &Path,
         bytes_max: u64,
         place: &str,
@@ -50,29 +78,46 @@ impl SourceFile {
             }
         }
         let (length, modified) = (facts.len(), facts.modified().ok());
-        Ok((Self { path: path.to_path_buf(), length, modified }, hasher.finish()))
+        let (path, files) = (path.to_path_buf(), files.clone());
+        Ok((Self { path, length, modified, files }, hasher.finish()))
     }
 
-    /// Reads bytes, given with the first one and the length.
+    /// Reads bytes, given with the first one and the length. [`SourceFiles::check`] knows of a
+    /// failure too.
     ///
     /// # Errors
     /// They cannot be read, or the file has changed since it was hashed.
     pub(super) fn bytes(&self, first: u64, length: u64, place: &str) -> Result<Vec<u8>, BakeError> {
-        let cannot = |error| BakeError::io(&self.path, error);
-        let changed = || {
-            let what = format!("{} changed while it was read", self.path.display());
-            BakeError::at(place, what, "a file that rests would be right")
-        };
-        let file = File::open(&self.path).map_err(cannot)?;
+        match self.read(first, length) {
+            Ok(Some(bytes)) => Ok(bytes),
+            Ok(None) => {
+                let changed = || {
+                    let what = format!("{} changed while it was read", self.path.display());
+                    BakeError::at(place, what, "a file that rests would be right")
+                };
+                self.files.keep(changed());
+                Err(changed())
+            }
+            Err(error) => {
+                let copy = io::Error::new(error.kind(), error.to_string());
+                self.files.keep(BakeError::io(&self.path, copy));
+                Err(BakeError::io(&self.path, error))
+            }
+        }
+    }
+
+    /// Reads bytes; `None` if the file has changed.
+    fn read(&self, first: u64, length: u64) -> io::Result<Option<Vec<u8>>> {
+        let file = File::open(&self.path)?;
         let mut bytes = vec![0; length as usize];
-        file.read_exact_at(&mut bytes, first).map_err(|error| match error.kind() {
-            ErrorKind::UnexpectedEof => changed(),
-            _ => cannot(error),
-        })?;
+        match file.read_exact_at(&mut bytes, first) {
+            Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(None),
+            read => read?,
+        }
         // Behind the read: what was written before is known by now.
-        let facts = file.metadata().map_err(cannot)?;
+        let facts = file.metadata()?;
         let is_same = facts.len() == self.length && facts.modified().ok() == self.modified;
-        if is_same { Ok(bytes) } else { Err(changed()) }
+        Ok(is_same.then_some(bytes))
     }
 }
 
@@ -117,7 +162,8 @@ mod tests {
     use super::*;
 
     fn opened(path: &Path) -> (SourceFile, BlobHash) {
-        SourceFile::open(path, 100, "file", &AtomicBool::new(false)).expect("opened")
+        SourceFile::open(&SourceFiles::default(), path, 100, "file", &AtomicBool::new(false))
+            .expect("opened")
     }
 
     #[test]
@@ -130,7 +176,8 @@ mod tests {
         assert_eq!(file.bytes(3, 4, "file").expect("read"), b"3456");
         assert_eq!(file.bytes(10, 0, "file").expect("read"), b"");
         let none = AtomicBool::new(false);
-        let error = SourceFile::open(&path, 9, "file", &none).expect_err("larger").to_string();
+        let error = SourceFile::open(&SourceFiles::default(), &path, 9, "file", &none);
+        let error = error.expect_err("larger").to_string();
         assert!(error.contains("has 10 bytes") && error.contains("at most 9"), "{error}");
     }
 
@@ -143,6 +190,9 @@ mod tests {
         let refusal = || file.bytes(0, 8, "buffers[0]").expect_err("changed").to_string();
         fs::write(&path, b"01234567").expect("shortened");
         assert!(refusal().contains("a.bin changed while it was read"), "{}", refusal());
+        let kept = file.files.check().expect_err("who asks later knows too").to_string();
+        assert!(kept.contains("a.bin changed while it was read"), "{kept}");
+        file.files.check().expect("nothing was read since");
         fs::write(&path, b"0123").expect("shortened");
         assert!(refusal().contains("buffers[0]") && refusal().contains("changed"), "{}", refusal());
         // Other bytes of the same length, at another time.
