@@ -3,9 +3,9 @@
 
 use std::fs::{self, File, Metadata};
 use std::io::{self, ErrorKind, Read};
-use std::os::unix::fs::FileExt;
+use std::os::unix::fs::{FileExt, MetadataExt};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
 
@@ -17,6 +17,9 @@ use super::error::BakeError;
 /// Bytes read at a time, between two looks at the cancel flag.
 pub(super) const READ_BYTES: usize = 1 << 20;
 
+/// Files of a scene that stay open: a process may have some hundred.
+const OPEN_MAX: usize = 64;
+
 /// The files of one scene, with the first failure to read one of them.
 ///
 /// Parts that cannot be read are left out of a scene with a note; that must not hide a failure of
@@ -24,6 +27,8 @@ pub(super) const READ_BYTES: usize = 1 << 20;
 #[derive(Clone, Debug, Default)]
 pub(super) struct SourceFiles {
     failure: Arc<Mutex<Option<BakeError>>>,
+    /// The number of those that were kept open.
+    open: Arc<AtomicUsize>,
 }
 
 impl SourceFiles {
@@ -44,15 +49,34 @@ impl SourceFiles {
 
 /// A file that is read again and again, and must stay as it is meanwhile.
 ///
-/// It is opened for each read: a scene may name more files than a process may have open.
+/// The first files of a scene stay open: what takes their names later is not read. As a scene may
+/// name more files than a process may have open, others are opened for each read.
 #[derive(Debug)]
 pub(super) struct SourceFile {
     path: PathBuf,
     /// The size in bytes.
     pub length: u64,
+    facts: FileFacts,
+    /// The open file; `None` for one that is opened for each read.
+    file: Option<File>,
+    files: SourceFiles,
+}
+
+/// By what a file is known again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct FileFacts {
+    device: u64,
+    inode: u64,
+    length: u64,
     /// The time of the last change; `None` if the file system does not keep it.
     modified: Option<SystemTime>,
-    files: SourceFiles,
+}
+
+impl From<&Metadata> for FileFacts {
+    fn from(of: &Metadata) -> Self {
+        let (device, inode, length) = (of.dev(), of.ino(), of.len());
+        Self { device, inode, length, modified: of.modified().ok() }
+    }
 }
 
 impl SourceFile {
@@ -77,9 +101,11 @@ impl SourceFile {
                 count => hasher.update(&part[..count]),
             }
         }
-        let (length, modified) = (facts.len(), facts.modified().ok());
-        let (path, files) = (path.to_path_buf(), files.clone());
-        Ok((Self { path, length, modified, files }, hasher.finish()))
+        let facts = FileFacts::from(&facts);
+        let stays_open = files.open.fetch_add(1, Ordering::Relaxed) < OPEN_MAX;
+        let (path, file) = (path.to_path_buf(), stays_open.then_some(file));
+        let (length, files) = (facts.length, files.clone());
+        Ok((Self { path, length, facts, file, files }, hasher.finish()))
     }
 
     /// Reads bytes, given with the first one and the length. [`SourceFiles::check`] knows of a
@@ -106,32 +132,51 @@ impl SourceFile {
         }
     }
 
-    /// Reads bytes; `None` if the file has changed.
+    /// Reads bytes; `None` if the file has changed, or is another one.
     fn read(&self, first: u64, length: u64) -> io::Result<Option<Vec<u8>>> {
-        let file = File::open(&self.path)?;
+        if let Some(file) = &self.file {
+            return self.read_from(file, first, length);
+        }
+        // Of another file not even a byte is read: it may be a pipe, which would never end.
+        if FileFacts::from(&fs::metadata(&self.path)?) != self.facts {
+            return Ok(None);
+        }
+        self.read_from(&File::open(&self.path)?, first, length)
+    }
+
+    fn read_from(&self, file: &File, first: u64, length: u64) -> io::Result<Option<Vec<u8>>> {
+        let is_same = || file.metadata().map(|facts| FileFacts::from(&facts) == self.facts);
+        if !is_same()? {
+            return Ok(None);
+        }
         let mut bytes = vec![0; length as usize];
         match file.read_exact_at(&mut bytes, first) {
             Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(None),
             read => read?,
         }
         // Behind the read: what was written before is known by now.
-        let facts = file.metadata()?;
-        let is_same = facts.len() == self.length && facts.modified().ok() == self.modified;
-        Ok(is_same.then_some(bytes))
+        Ok(is_same()?.then_some(bytes))
     }
 }
 
 fn open(path: &Path, bytes_max: u64, place: &str) -> Result<(File, Metadata), BakeError> {
-    let facts = fs::metadata(path).map_err(|error| BakeError::io(path, error))?;
-    if !facts.is_file() {
-        let what = format!("{} is not a file", path.display());
-        return Err(BakeError::at(place, what, "a plain file would be right"));
-    }
-    if facts.len() > bytes_max {
-        let what = format!("{} has {} bytes", path.display(), facts.len());
-        return Err(BakeError::at(place, what, format!("at most {bytes_max} can be read")));
-    }
-    let file = File::open(path).map_err(|error| BakeError::io(path, error))?;
+    let cannot = |error| BakeError::io(path, error);
+    let check = |facts: &Metadata| {
+        if !facts.is_file() {
+            let what = format!("{} is not a file", path.display());
+            return Err(BakeError::at(place, what, "a plain file would be right"));
+        }
+        if facts.len() > bytes_max {
+            let what = format!("{} has {} bytes", path.display(), facts.len());
+            return Err(BakeError::at(place, what, format!("at most {bytes_max} can be read")));
+        }
+        Ok(())
+    };
+    // Before it is opened, since opening a pipe may never end.
+    check(&fs::metadata(path).map_err(cannot)?)?;
+    let file = File::open(path).map_err(cannot)?;
+    let facts = file.metadata().map_err(cannot)?;
+    check(&facts)?;
     Ok((file, facts))
 }
 
@@ -200,5 +245,36 @@ mod tests {
         let written = File::options().write(true).open(&path).expect("opened");
         written.set_modified(SystemTime::UNIX_EPOCH).expect("dated");
         assert!(refusal().contains("changed"), "{}", refusal());
+    }
+
+    #[test]
+    fn never_reads_a_file_that_takes_the_place_of_another() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.bin");
+        for is_kept_open in [true, false] {
+            fs::write(&path, b"0123456789").expect("written");
+            let files = SourceFiles::default();
+            if !is_kept_open {
+                files.open.store(OPEN_MAX, Ordering::Relaxed);
+            }
+            let none = AtomicBool::new(false);
+            let (file, _) = SourceFile::open(&files, &path, 100, "file", &none).expect("opened");
+            assert_eq!(file.file.is_some(), is_kept_open);
+            // Another of the same length and time, as someone with bad intent would make it.
+            let other = folder.path().join("b.bin");
+            fs::write(&other, b"9876543210").expect("written");
+            let written = File::options().write(true).open(&other).expect("opened");
+            written.set_modified(file.facts.modified.expect("a time")).expect("dated");
+            fs::remove_file(&path).expect("removed");
+            std::os::unix::fs::symlink(&other, &path).expect("linked");
+            let read = file.bytes(0, 10, "file");
+            if is_kept_open {
+                assert_eq!(read.expect("read"), b"0123456789");
+            } else {
+                let error = read.expect_err("another").to_string();
+                assert!(error.contains("changed"), "{error}");
+            }
+            fs::remove_file(&path).expect("removed");
+        }
     }
 }
