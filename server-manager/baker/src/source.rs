@@ -28,6 +28,12 @@ const BUFFER_BYTES_MAX: u64 = 64 << 30;
 /// Largest image file or data: no PNG that decodes within the limits is larger.
 pub(super) const IMAGE_BYTES_MAX: u64 = 1 << 30;
 
+/// Bytes of packed views that are read however small the files are.
+const PACKED_UNASKED: u64 = 1 << 30;
+
+/// Most times that all bytes of the files are read as packed views beyond that.
+const PACKED_PER_BYTE_MAX: u64 = 4;
+
 /// Elements of accessors that are read however small the files are: four of the largest that have
 /// no bytes of their own, a few seconds of work.
 const ELEMENTS_UNASKED: u64 = 1 << 24;
@@ -47,6 +53,7 @@ pub(super) struct GltfSource {
     /// Bytes of all files and `data:` URIs together.
     pub bytes: u64,
     elements_read: Cell<u64>,
+    packed_read: Cell<u64>,
     files: SourceFiles,
     buffers: Vec<Buffer>,
     images: Vec<Image>,
@@ -79,6 +86,7 @@ impl GltfSource {
             digest: BlobHash([0; 32]),
             bytes: file.length,
             elements_read: Cell::new(0),
+            packed_read: Cell::new(0),
             files,
             buffers: Vec::new(),
             images: Vec::new(),
@@ -213,6 +221,31 @@ impl GltfSource {
         }
         self.elements_read.set(read);
         Ok(())
+    }
+
+    /// Reads a view that is packed, and so has to be in memory as a whole.
+    ///
+    /// # Errors
+    /// It is larger than a scene file may be, such views take too much together, or it can't be
+    /// read.
+    pub(super) fn packed<'a>(
+        &self,
+        span: ByteSpan<'a>,
+        place: &str,
+    ) -> Result<Cow<'a, [u8]>, BakeError> {
+        let length = span.length;
+        if length > FILE_BYTES_MAX {
+            let what = format!("its packed bytes are {length}");
+            return Err(BakeError::at(place, what, format!("at most {FILE_BYTES_MAX} can be")));
+        }
+        let read = self.packed_read.get().saturating_add(length);
+        let allowed = PACKED_UNASKED.saturating_add(self.bytes.saturating_mul(PACKED_PER_BYTE_MAX));
+        if read > allowed {
+            let what = format!("with it {read} packed bytes would be read");
+            return Err(BakeError::at(place, what, format!("at most {allowed} can be")));
+        }
+        self.packed_read.set(read);
+        span.bytes(place)
     }
 
     /// Fails if a read of a file did, also where the part that needed it was left out.

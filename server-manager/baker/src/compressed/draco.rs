@@ -30,7 +30,7 @@ pub(super) fn unpack(
     cancel: &AtomicBool,
 ) -> Result<(), BakeError> {
     // Parts that share a stream share what it unpacks to, until the last one has it.
-    let mut streams: BTreeMap<u32, Unpacked> = BTreeMap::new();
+    let mut streams: BTreeMap<u32, Result<Unpacked, String>> = BTreeMap::new();
     let mut parts_left: BTreeMap<u32, usize> = BTreeMap::new();
     let parts = source.document.meshes.iter().flat_map(|mesh| &mesh.primitives);
     for draco in parts.filter_map(|part| part.extensions.draco.as_ref()) {
@@ -68,17 +68,20 @@ pub(super) fn unpack(
 
 fn unpack_part(
     source: &mut GltfSource,
-    streams: &mut BTreeMap<u32, Unpacked>,
+    streams: &mut BTreeMap<u32, Result<Unpacked, String>>,
     (mesh, part): (usize, usize),
     draco: &DracoStream,
     room: &mut Room,
 ) -> Result<(), BakeError> {
     let place = format!("meshes[{mesh}].primitives[{part}].extensions.{NAME}");
-    let unpacked = match streams.remove(&draco.buffer_view) {
-        Some(known) => known,
-        None => Unpacked::new(source, draco.buffer_view, room, &place)?,
-    };
-    let unpacked = streams.entry(draco.buffer_view).or_insert(unpacked);
+    // A broken one is read once too: a small file may name a large view many times.
+    let unpacked = streams.entry(draco.buffer_view).or_insert_with(|| {
+        let unpacked = Unpacked::new(source, draco.buffer_view, room, &place);
+        unpacked.map_err(|error| error.fault())
+    });
+    let unpacked = unpacked.as_mut().map_err(|fault| {
+        BakeError::at(&place, fault.as_str(), "a whole stream of Draco would be right")
+    })?;
     unpacked.put(source, (mesh, part), &draco.attributes, room, &place)
 }
 
@@ -99,7 +102,7 @@ impl Unpacked {
         room: &mut Room,
         place: &str,
     ) -> Result<Self, BakeError> {
-        let bytes = source.view(view, place)?.1.bytes(place)?;
+        let bytes = source.packed(source.view(view, place)?.1, place)?;
         // A corner takes 12 bytes here, a vertex at least as many.
         let limits = DecodeLimits::default()
             .with_max_decoded_bytes(room.left)

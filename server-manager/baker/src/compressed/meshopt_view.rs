@@ -30,7 +30,7 @@ pub(super) fn unpack(
         let stream = Stream::of(packed.1, &place)?;
         let bytes = (stream.count as u64).saturating_mul(stream.stride as u64);
         room.take(bytes, &place)?;
-        let encoded = source.span_of(stream.view, &place)?.bytes(&place)?;
+        let encoded = source.packed(source.span_of(stream.view, &place)?, &place)?;
         let unpacked = stream.decode(&encoded).map_err(|what| {
             BakeError::at(&place, what, "a whole stream of meshoptimizer would be right")
         })?;
