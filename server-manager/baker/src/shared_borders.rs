@@ -196,7 +196,7 @@ impl BorderGrid {
         (0..8).any(|corner| {
             let sign = |axis: u32| if corner >> axis & 1 == 0 { -0.5 } else { 0.5 };
             let cell = self.cell(at + DVec3::new(sign(0), sign(1), sign(2)) * self.side);
-            self.mesh_at.get(&cell).is_some_and(|of| *of != Some(mesh))
+            self.has(cell) && self.mesh_at.get(&cell).is_some_and(|of| *of != Some(mesh))
         })
     }
 }
