@@ -2,6 +2,7 @@
 //! large scene has more of them than a bake may have memory.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use super::error::BakeError;
 use super::source_file::SourceFile;
@@ -13,7 +14,8 @@ pub(super) enum Buffer {
     Memory(Vec<u8>),
     /// A part of a file.
     File {
-        file: SourceFile,
+        /// Several buffers may name one.
+        file: Arc<SourceFile>,
         /// The place of the first byte in the file.
         first: u64,
         length: u64,
@@ -38,8 +40,8 @@ impl Buffer {
     }
 }
 
-impl From<SourceFile> for Buffer {
-    fn from(file: SourceFile) -> Self {
+impl From<Arc<SourceFile>> for Buffer {
+    fn from(file: Arc<SourceFile>) -> Self {
         let length = file.length;
         Self::File { file, first: 0, length }
     }
@@ -100,7 +102,7 @@ mod tests {
         std::fs::write(&path, b"..0123456789..").expect("written");
         let (files, none) = (SourceFiles::default(), AtomicBool::new(false));
         let file = SourceFile::open(&files, &path, 100, "file", &none).expect("opened").0;
-        let file = Buffer::File { file, first: 2, length: 10 };
+        let file = Buffer::File { file: Arc::new(file), first: 2, length: 10 };
         for buffer in [Buffer::Memory(b"0123456789".to_vec()), file] {
             let part = buffer.span().part(2, 6).expect("within");
             assert_eq!(*part.bytes("a").expect("read"), b"234567"[..]);

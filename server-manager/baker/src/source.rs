@@ -5,8 +5,10 @@
 
 use std::borrow::Cow;
 use std::cell::Cell;
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use polyptych_files::blob::BlobHash;
@@ -93,7 +95,7 @@ impl GltfSource {
         };
         let chunk = chunk.map(|of| {
             let (first, length) = (of.start, of.end - of.start);
-            Buffer::File { file, first, length }
+            Buffer::File { file: Arc::new(file), first, length }
         });
         source.open_buffers(&folder, chunk, &mut digest, cancel)?;
         source.open_images(&folder, &mut digest, cancel)?;
@@ -108,6 +110,8 @@ impl GltfSource {
         digest: &mut blake3::Hasher,
         cancel: &AtomicBool,
     ) -> Result<(), BakeError> {
+        // Each file is hashed once, however many buffers name it.
+        let mut known: BTreeMap<PathBuf, (Arc<SourceFile>, BlobHash)> = BTreeMap::new();
         let unpacked = self.document.unpacked_buffers();
         for (i, buffer) in self.document.buffers.iter().enumerate() {
             let place = format!("buffers[{i}]");
@@ -124,10 +128,18 @@ impl GltfSource {
                             }
                             path => path?,
                         };
-                        let (file, hash) =
-                            SourceFile::open(&self.files, &path, BUFFER_BYTES_MAX, &place, cancel)?;
+                        let (file, hash) = if let Some((file, hash)) = known.get(&path) {
+                            (Arc::clone(file), *hash)
+                        } else {
+                            let max = BUFFER_BYTES_MAX;
+                            let (file, hash) =
+                                SourceFile::open(&self.files, &path, max, &place, cancel)?;
+                            self.bytes += file.length;
+                            let file = Arc::new(file);
+                            known.insert(path, (Arc::clone(&file), hash));
+                            (file, hash)
+                        };
                         digest.update(hash.0.as_slice());
-                        self.bytes += file.length;
                         Buffer::from(file)
                     }
                 },
@@ -158,8 +170,10 @@ impl GltfSource {
         digest: &mut blake3::Hasher,
         cancel: &AtomicBool,
     ) -> Result<(), BakeError> {
+        // Each file is hashed once, however many images name it.
+        let mut known = BTreeMap::new();
         for i in 0..self.document.images.len() {
-            let image = self.open_image(folder, i, digest, cancel)?;
+            let image = self.open_image(folder, i, digest, &mut known, cancel)?;
             if matches!(image, Image::Absent(_)) {
                 // Once the image is there, it is another scene.
                 digest.update(b"absent");
@@ -176,6 +190,7 @@ impl GltfSource {
         folder: &Path,
         index: usize,
         digest: &mut blake3::Hasher,
+        known: &mut BTreeMap<PathBuf, BlobHash>,
         cancel: &AtomicBool,
     ) -> Result<Image, BakeError> {
         let (place, image) = (format!("images[{index}]"), &self.document.images[index]);
@@ -201,10 +216,15 @@ impl GltfSource {
             Err(Unresolved::Outside(error)) => return Err(error),
             Err(Unresolved::Absent(error)) => return absent(error),
         };
+        if let Some(&hash) = known.get(&path) {
+            digest.update(hash.0.as_slice());
+            return Ok(Image::File { path, hash });
+        }
         match SourceFile::open(&self.files, &path, IMAGE_BYTES_MAX, &place, cancel) {
             Ok((file, hash)) => {
                 self.bytes += file.length;
                 digest.update(hash.0.as_slice());
+                known.insert(path.clone(), hash);
                 Ok(Image::File { path, hash })
             }
             Err(error) => absent(error),
