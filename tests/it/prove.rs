@@ -260,34 +260,3 @@ fn a_dome_of_points_is_proved_where_it_is() {
     let proof = Proof::of(&place, DOME, Some(&turned), &scene);
     assert!(proof.missed().contains(&"warped points"), "{:?}", proof.rows);
 }
-
-#[test]
-fn a_wall_of_sixty_four_screens_is_proved() {
-    let place = TestDir::new();
-    let scene = place.write("triangle.glb", Gltf::triangle().glb()).display().to_string();
-    let file = place.path("arch.toml").display().to_string();
-    let options = ["--channels", "64", "--degrees", "320", "--pixels", "160x120", "-o", &file];
-    place.run(["wall", "arch"].into_iter().chain(options)).succeeded();
-    let text = std::fs::read_to_string(&file).expect("a wall file");
-    let screens: Vec<&str> = text.split("tiles.pixels = [160, 120]\n").collect();
-    assert_eq!(screens.len(), 65, "{text}");
-    // One process drives all of them, and all but both ends have too few pixels for markers.
-    // Channels of 10 bits are compared with no channel of their own: that would be 64 walls more.
-    let mut wall = String::new();
-    for (index, text) in (1..).zip(&screens[..64]) {
-        let pixels = if index == 1 || index == 64 { "[160, 120]" } else { "[16, 12]" };
-        let _ = write!(wall, "{text}tiles.pixels = {pixels}\ntiles.servers = [\"all\"]\n");
-    }
-    wall.push_str(screens[64]);
-    for screen in 1..=64 {
-        let _ = write!(wall, "[channel.arch-{screen}]\nbits = 10\n");
-    }
-    let proof = Proof::of(&place, &wall, None, &scene);
-    assert!(proof.code == 0 && proof.missed().is_empty(), "{:?}", proof.rows);
-    assert_eq!(proof.row("channels without markers")["measured"], 62.0);
-    for what in ["points", "points in views of their own", "superposed codes"] {
-        assert!(proof.row(what)["measured"].is_f64(), "{:?}", proof.row(what));
-    }
-    let page = std::fs::read_to_string(place.path("proof.html")).expect("a page");
-    assert!(page.contains("64 channels on 64 screens") && page.contains("arch-64"));
-}

@@ -39,6 +39,7 @@ impl Interruption {
                 Ok(()) => logging::say_warning("interrupted again: the film ends at once"),
                 Err(error) => logging::say_warning(&format!("the wall may stay paused: {error}")),
             }
+            logging::finish();
             std::process::exit(INTERRUPTED);
         })?;
         Ok(asked)
