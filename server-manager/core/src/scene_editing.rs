@@ -291,23 +291,24 @@ impl SceneEditing {
                 self.since
             ));
         }
-        // A material that came since has the number of another that the client may have seen.
-        let came_with = match &target {
-            EditTarget::Material(material) => self.accepted.assets_of_material(*material),
-            _ => None,
-        };
-        let came_with = came_with.map(EditTarget::Assets);
+        // What came since may have the number of another that the client has seen.
+        let came_with: Vec<EditTarget> =
+            self.accepted.assets_named_by(edit).map(EditTarget::Assets).collect();
         for changed in std::iter::once(&target).chain(&came_with) {
+            let what = match changed {
+                EditTarget::Assets(_) => format!("what {target} shows"),
+                _ => target.to_string(),
+            };
             match self.changed.get(changed) {
                 Some(Some(revision)) if *revision > base => {
                     return Err(format!(
-                        "{target} was changed at revision {revision}, and this builds on {base}; \
+                        "{what} was changed at revision {revision}, and this builds on {base}; \
                          read it again, and decide anew"
                     ));
                 }
                 Some(None) => {
                     return Err(format!(
-                        "{target} is being changed by another transaction, and this builds on \
+                        "{what} is being changed by another transaction, and this builds on \
                          {base}; read it again, and decide anew"
                     ));
                 }

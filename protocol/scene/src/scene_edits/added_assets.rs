@@ -10,7 +10,7 @@ use polyptych_files::blob::BlobHash;
 
 use super::mesh_crowds::MeshCrowds;
 use super::{AssetManifests, SceneEdits};
-use crate::edit::{AssetSet, AssetSetId};
+use crate::edit::{AssetSet, AssetSetId, Edit};
 use crate::{Material, Mesh, Scene};
 
 /// Puts values into a list at their numbers, of which the first is given. Numbers before them that
@@ -51,11 +51,20 @@ impl SceneEdits {
         self.assets.get(&id).is_some()
     }
 
-    /// Returns the assets that a material came with; `None` for one of the scene's file.
-    pub fn assets_of_material(&self, material: u32) -> Option<AssetSetId> {
-        let has_it = |set: &AssetSet| set.material_range().contains(&material);
-        let (id, _) = self.assets.iter().find(|(_, set)| has_it(&set.value))?;
-        Some(*id)
+    /// Returns the assets that came with the mesh, the material or the textures that an edit names;
+    /// none of those of the scene's file.
+    pub fn assets_named_by(&self, edit: &Edit) -> impl Iterator<Item = AssetSetId> {
+        let names = |set: &AssetSet| match edit {
+            Edit::Create { new, .. } => new.mesh.is_some_and(|of| set.mesh_range().contains(&of)),
+            Edit::SetMesh { mesh, .. } => mesh.is_some_and(|of| set.mesh_range().contains(&of)),
+            Edit::SetMaterial { material, to } => {
+                let mut textures = to.textures().map(|of| of.texture);
+                set.material_range().contains(material)
+                    || textures.any(|of| set.texture_range().contains(&of))
+            }
+            _ => false,
+        };
+        self.assets.iter().filter(move |(_, set)| names(&set.value)).map(|(id, _)| *id)
     }
 
     /// The manifests of all assets that were added, each once.

@@ -426,9 +426,18 @@ fn a_client_that_saw_another_material_of_a_number_is_refused() {
         transaction
     };
     let refusal = stage.refusal(paint(first.revision));
-    assert!(refusal.contains("material 0 was changed at revision"), "{refusal}");
+    assert!(refusal.contains("what material 0 shows was changed at revision"), "{refusal}");
     show(&mut stage, paint(second.revision));
-    assert!(stage.cluster.shown.edits.assets_of_material(0).is_some());
+    // So is one that saw another mesh of a number.
+    let place = |base: Revision| {
+        let mut transaction = Transaction::based_on(base);
+        let mesh = second.assets.expect("numbers").first_mesh;
+        transaction.create(NewNode { mesh: Some(mesh), ..NewNode::default() });
+        transaction
+    };
+    let refusal = stage.refusal(place(first.revision));
+    assert!(refusal.contains("shows was changed at revision"), "{refusal}");
+    show(&mut stage, place(second.revision));
 }
 
 #[test]
