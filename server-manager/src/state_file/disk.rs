@@ -2,7 +2,7 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Write};
-use std::os::unix::fs::OpenOptionsExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
 /// The reason why a file is left as it is that was not there when this manager started.
@@ -81,7 +81,16 @@ impl Disk for System {
     fn rename_new(&mut self, from: &Path, to: &Path) -> io::Result<()> {
         // Storage that is mounted between the two steps does not have the file that is renamed.
         match fs::symlink_metadata(to) {
-            Err(error) if error.kind() == ErrorKind::NotFound => fs::rename(from, to),
+            Err(error) if error.kind() == ErrorKind::NotFound => {
+                let own = fs::symlink_metadata(from)?.ino();
+                let renamed = fs::rename(from, to);
+                // A network file system that missed the answer asks again, and has nothing to
+                // rename any more.
+                match fs::symlink_metadata(to) {
+                    Ok(there) if there.ino() == own => Ok(()),
+                    _ => renamed,
+                }
+            }
             Err(error) => Err(error),
             Ok(_) => Err(io::Error::new(ErrorKind::AlreadyExists, APPEARED)),
         }
