@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::{Builder, park_timeout};
 use std::time::{Duration, Instant, SystemTime};
 
+use polyptych_files::storage_fault::RETRY_TIME_MAX;
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::ids::Term;
 use polyptych_protocol::leader_status::LeaderStatus;
@@ -66,7 +67,8 @@ impl Leadership {
     /// times a second.
     ///
     /// # Errors
-    /// The first look fails; later ones are tried again, and logged.
+    /// The first look fails for good, or for [`RETRY_TIME_MAX`]; later ones are tried again, and
+    /// logged.
     pub async fn wait(
         file: LeaseFile,
         holder: String,
@@ -91,8 +93,12 @@ impl Leadership {
             });
             match looked {
                 Ok((true, _)) => return Ok(Waited::Stopped),
-                Ok((false, next)) => contender = next,
-                Err(error) if is_first => return Err(error),
+                Ok((false, next)) => (contender, is_first) = (next, false),
+                Err(error)
+                    if is_first && !(error.may_pass() && started.elapsed() < RETRY_TIME_MAX) =>
+                {
+                    return Err(error);
+                }
                 Err(error) => {
                     let fault = error.to_string();
                     if last_fault.as_ref() != Some(&fault) {
@@ -101,7 +107,6 @@ impl Leadership {
                     }
                 }
             }
-            is_first = false;
             if let Some((term, until)) = contender.term().zip(contender.valid_until()) {
                 let leads = Self::start(file.clone(), holder, Term(term), contender, started);
                 leads.shared.set_valid_until(until);

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use std::thread::park_timeout;
 use std::time::{Duration, Instant};
 
+use polyptych_files::storage_fault;
+
 use super::LeaseRecord;
 
 /// Maximum time to wait for the lock: it is held for one read and one write.
@@ -51,6 +53,17 @@ pub enum LeaseFileError {
         /// What is wrong with it.
         reason: String,
     },
+}
+
+impl LeaseFileError {
+    /// Returns whether another look may succeed.
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Self::Io { source, .. } => storage_fault::may_pass(source),
+            Self::Locked(_) => true,
+            Self::Damaged { .. } => false,
+        }
+    }
 }
 
 impl LeaseFile {
