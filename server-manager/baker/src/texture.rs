@@ -94,14 +94,20 @@ pub(super) struct Textures {
     pub placeholders: BTreeSet<u32>,
 }
 
-/// What came of an image by its index, its content and whether it has mips: a texture, or the
-/// reason why it cannot be read.
-type StoredImages = BTreeMap<(usize, TextureKind, bool), Result<Stored, String>>;
+/// What came of the images so far.
+#[derive(Default)]
+struct StoredImages {
+    /// By index, content and whether there are mips: a texture, or the reason why it cannot be
+    /// read.
+    images: BTreeMap<(usize, TextureKind, bool), Result<Stored, String>>,
+    /// Notes of those that cannot be read, each of which is told once.
+    notes: BTreeSet<String>,
+}
 
 /// Writes the textures that are used, in their order. Placeholders stand for images that cannot
 /// be read, each with a note.
 pub(super) fn write_all(job: &mut BakeJob<'_>, uses: &[TextureUse]) -> Result<Textures, BakeError> {
-    let mut stored = StoredImages::new();
+    let mut stored = StoredImages::default();
     let mut textures = Textures::default();
     let mut budget = PixelBudget::new(job);
     for (i, used) in uses.iter().enumerate() {
@@ -146,11 +152,11 @@ fn write(
     let (mut made, mut unread) = (None, Vec::new());
     for &image in images {
         let key = (image, content, has_mips);
-        let known = if let Some(known) = stored.get(&key) {
+        let known = if let Some(known) = stored.images.get(&key) {
             known.clone()
         } else {
             let known = write_image(job, key, budget)?;
-            stored.insert(key, known.clone());
+            stored.images.insert(key, known.clone());
             known
         };
         match known {
@@ -166,9 +172,11 @@ fn write(
         None => "a placeholder is shown".to_owned(),
     };
     for (image, reason) in unread {
-        let title = title(job, image);
         // The reason last: long ones are cut.
-        job.warn(&format!("{title}: {instead}, since {reason}"));
+        let note = format!("{}: {instead}, since {reason}", title(job, image));
+        if stored.notes.insert(note.clone()) {
+            job.warn(&note);
+        }
     }
     if let Some((_, made)) = made {
         return Ok(made);
