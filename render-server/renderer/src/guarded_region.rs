@@ -307,17 +307,25 @@ pub(crate) fn pack<'a>(
     (sides[1] <= side_max).then_some(sides)
 }
 
+/// The side of a texture for these pictures of what is behind glass.
+fn side_behind(pictures: &[&mut GuardedRegion], side_max: u32) -> u32 {
+    let is_short = pictures.iter().flat_map(|of| of.size).all(|side| side <= BEHIND_SIDE);
+    if is_short { side_max.min(BEHIND_SIDE) } else { side_max }
+}
+
 /// Places pictures of what is behind glass as [`pack`] does: in short rows, if they fit.
 pub(crate) fn pack_behind(mut regions: Vec<&mut GuardedRegion>, side_max: u32) -> Option<[u32; 2]> {
-    let is_short = regions.iter().flat_map(|of| of.size).all(|side| side <= BEHIND_SIDE);
-    let side = if is_short { side_max.min(BEHIND_SIDE) } else { side_max };
+    let side = side_behind(&regions, side_max);
     let sides = pack(regions.iter_mut().map(|of| &mut **of), side);
     sides.or_else(|| pack(regions.into_iter(), side_max))
 }
 
-/// Returns whether a group of views may have these pictures of what is behind glass.
+/// Returns whether a group of views may have these pictures of what is behind glass: in short rows,
+/// since groups take turns in one texture.
 pub(crate) fn has_room_behind(pictures: &[GuardedRegion], side_max: u32) -> bool {
     let mut pictures = pictures.to_vec();
-    let sides = pack_behind(pictures.iter_mut().collect(), side_max);
+    let pictures: Vec<&mut GuardedRegion> = pictures.iter_mut().collect();
+    let side = side_behind(&pictures, side_max);
+    let sides = pack(pictures.into_iter(), side);
     sides.is_some_and(|[width, height]| u64::from(width) * u64::from(height) <= BEHIND_TEXELS_MAX)
 }
