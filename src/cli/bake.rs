@@ -312,7 +312,7 @@ fn direction(text: &str) -> Result<DVec3, String> {
     is_one.then_some(direction).ok_or_else(wrong)
 }
 
-/// What this process is asked, and what it must not leave undone.
+/// The requests to this process to end, and the work that it must not leave undone.
 #[derive(Debug, Default)]
 struct Interruption {
     /// The process is to end in order.

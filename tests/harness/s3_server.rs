@@ -21,7 +21,7 @@ pub const BUCKET: &str = "walls";
 const KEY: &str = "operator";
 const SECRET: &str = "a-secret-of-tests";
 
-/// What becomes of the second part of an object that is sent in parts.
+/// The fate of the second part of an object that is sent in parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Trouble {
     /// There is no answer.

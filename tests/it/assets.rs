@@ -178,7 +178,7 @@ fn a_file_below_a_node_is_the_picture_of_the_file_that_has_both() {
 
 #[test]
 fn transactions_of_a_program_are_applied_in_its_order() {
-    // What was not baked before takes its time.
+    // Files that were not baked before take their time.
     let place = TestDir::unbaked();
     place.write("flag.glb", flag().glb());
     let folder = place.write("post.glb", post().glb()).parent().expect("a folder").to_owned();

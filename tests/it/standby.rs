@@ -220,7 +220,7 @@ fn a_connected_client_leaves_a_leader_that_hangs_and_none_that_is_quiet() {
     client.open_scene("left.glb").expect("opened");
     let mut feedbacks = client.feedback().expect("a stream");
     let epoch = client.epoch();
-    // Of a wall at rest that nobody asks there are heartbeats alone.
+    // A wall at rest that nobody asks sends heartbeats alone.
     let quiet = MANAGER_SILENCE_MAX + CLIENT_HEARTBEAT_PERIOD;
     assert_eq!(wait::look_for(quiet, || client.close_reason()), None, "the manager works");
 

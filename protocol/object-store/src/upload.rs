@@ -96,7 +96,7 @@ async fn send_all(
     Ok((uploaded.done() == blobs.len() as u64).then_some(uploaded))
 }
 
-/// What was done with a blob.
+/// The outcome of one blob.
 #[derive(Clone, Copy, Debug)]
 enum Sent {
     /// It was there.

@@ -246,7 +246,7 @@ impl Motion {
         let rigid = skin.rigid;
         skeleton.rigid = rigid
             .and_then(|node| self.bone(edits, (skin.top, node), &mut skeleton.bones, &mut known));
-        // What counts as moving is drawn anew into all maps of shadows while anything moves.
+        // Items that count as moving are drawn into all maps of shadows while anything moves.
         let is_still = of.weights_of.is_none() && skeleton.bones.iter().all(|bone| bone.is_still);
         skeleton.still = is_still.then(|| self.base.nodes[of.node as usize].local.translation);
         skeleton

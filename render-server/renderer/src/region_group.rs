@@ -15,7 +15,7 @@ pub(crate) struct RegionGroup {
     pub regions: Vec<Option<GuardedRegion>>,
     /// Of the texture.
     pub sides: [u32; 2],
-    /// What is behind glass in all of them.
+    /// The pictures of what is behind glass in all of them.
     behind: Vec<GuardedRegion>,
 }
 

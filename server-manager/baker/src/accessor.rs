@@ -322,7 +322,7 @@ fn elements<'a>(
         return Err(BakeError::at(place, what, format!("the view has {} bytes", bytes.length)));
     };
     if stride > STRIDE_USUAL {
-        // What lies between elements is read too.
+        // Bytes between elements are read too.
         source.reserve_elements(bytes.length / STRIDE_USUAL, place)?;
     }
     Ok(Elements { bytes, size, stride: stride as usize, count: count as usize })

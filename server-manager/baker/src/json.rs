@@ -308,7 +308,7 @@ impl<'de, A: MapAccess<'de>> MapAccess<'de> for Entries<'_, A> {
     }
 
     fn next_value_seed<S: DeserializeSeed<'de>>(&mut self, seed: S) -> Result<S::Value, A::Error> {
-        // What programs keep beside a scene is theirs; of two values the last one counts.
+        // Extras belong to programs; the last of two values counts.
         let is_foreign = self.key.borrow().as_str() == "extras";
         let value = if is_foreign {
             self.inner.next_value_seed(seed)

@@ -395,7 +395,7 @@ fn resolve(folder: &Path, path: &str, uri: &str, place: &str) -> Result<PathBuf,
     match resolve_as_named(folder, path, uri, place) {
         Err(Unresolved::Absent(_)) if path.contains('\\') => {
             let found = resolve_as_named(folder, &path.replace('\\', "/"), uri, place);
-            // As it is named, it leads nowhere, and so not out of the folder.
+            // The name as it is leads nowhere, and so not out of the folder.
             found.map_err(|other| Unresolved::Absent(other.into()))
         }
         resolved => resolved,

@@ -137,7 +137,7 @@ impl SourceFile {
         if let Some(file) = &self.file {
             return self.read_from(file, first, length);
         }
-        // Of another file not even a byte is read: it may be a pipe, which would never end.
+        // Another file is not even opened: it may be a pipe, which would never end.
         if FileFacts::from(&fs::metadata(&self.path)?) != self.facts {
             return Ok(None);
         }

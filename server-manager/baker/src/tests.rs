@@ -359,7 +359,7 @@ fn domes_are_skies_and_halls_and_hills_are_none() {
     };
     let (lit, glowing) = (json!({}), json!({ "emissiveFactor": [1, 1, 1] }));
     let unlit = json!({ "extensions": { "KHR_materials_unlit": {} } });
-    // As Blender exports an emission; its picture may be missing, and then it does not glow.
+    // Blender exports an emission so; it does not glow where its picture is missing.
     let mut emission = glowing.clone();
     emission["pbrMetallicRoughness"] = json!({ "baseColorFactor": [0, 0, 0, 1] });
     let mut dark = emission.clone();

@@ -94,7 +94,7 @@ pub(super) struct Textures {
     pub placeholders: BTreeSet<u32>,
 }
 
-/// What came of the images so far.
+/// The outcomes of the images so far.
 #[derive(Default)]
 struct StoredImages {
     /// By index, content and whether there are mips: a texture, or the reason why it cannot be

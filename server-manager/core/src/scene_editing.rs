@@ -291,7 +291,7 @@ impl SceneEditing {
                 self.since
             ));
         }
-        // What came since may have the number of another that the client has seen.
+        // Assets that came since may have the number of another that the client has seen.
         let came_with: Vec<EditTarget> =
             self.accepted.assets_named_by(edit).map(EditTarget::Assets).collect();
         for changed in std::iter::once(&target).chain(&came_with) {

@@ -49,7 +49,7 @@ pub(super) async fn load_state(
 /// scene is still in the store; and the file in which its state is kept.
 ///
 /// # Errors
-/// What does not fit any more cannot be kept elsewhere, and would be written over.
+/// State that does not fit any more cannot be kept elsewhere, and would be written over.
 pub(super) fn start_cluster(
     options: &mut ManagerOptions,
     state: Option<(StateFile, Found)>,

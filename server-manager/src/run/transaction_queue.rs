@@ -206,7 +206,7 @@ mod tests {
         assert!(!queue.holds(ANN, &paint), "a material with the number of a node");
         assert!(queue.holds(ANN, &showing(Some(4))));
         queue.add_held(job(ANN, 3), SCENE, &showing(Some(4)), "later");
-        // What waits is itself waited for.
+        // A transaction that waits is itself waited for.
         let mut both = showing(Some(4));
         both.set_name(NodeId(6), "quay");
         assert!(queue.holds(ANN, &both));

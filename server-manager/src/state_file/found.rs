@@ -63,7 +63,7 @@ impl LoadError {
     fn may_pass(&self) -> bool {
         match self {
             Self::Foreign { .. } => false,
-            // What a link leads to may be on storage that is not mounted yet.
+            // The target of a link may be on storage that is not mounted yet.
             Self::Unreadable { source, .. } => {
                 source.kind() == ErrorKind::NotFound || storage_fault::may_pass(source)
             }

@@ -86,7 +86,7 @@ impl SceneEdits {
         let mut unused: Vec<(AssetSetId, &AssetSet)> = all.filter(is_hidden).collect();
         loop {
             let before = unused.len();
-            // What nobody sees keeps no textures, not even its own.
+            // A material that nobody sees keeps no textures, not even its own.
             let is_shown = |material: u32| {
                 !unused.iter().any(|(_, set)| set.material_range().contains(&material))
             };

@@ -15,7 +15,7 @@ use crate::{Mesh, Node, Scene};
 pub(super) struct MeshCrowds(Vec<f32>);
 
 impl MeshCrowds {
-    /// Of so many meshes, all of which stand alone.
+    /// No crowds: so many meshes, each of which stands alone.
     pub fn new(meshes: usize) -> Self {
         Self(vec![0.0; meshes])
     }

@@ -289,7 +289,7 @@ impl MapSets {
                 let is_copied = !gpu.is_gl();
                 let onto = of_set.map(*layer).clone();
                 if let Some((casting, receives)) = still {
-                    // What cannot be copied is drawn where it is read.
+                    // A map that cannot be copied is drawn where it is read.
                     let still = is_copied.then(|| of_set.begin_still(gpu, (*layer, map, receives)));
                     add(&casting, &casting.items, still.unwrap_or_else(|| onto.clone()), false);
                 }

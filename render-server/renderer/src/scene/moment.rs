@@ -52,7 +52,7 @@ impl GpuScene {
             let of_it = behind.filter(|(_, of)| of.material == one.material);
             let of_it = of_it.map(|(number, of)| (number, of.highlight));
             for (number, highlight) in std::iter::once((one.material, Vec4::ZERO)).chain(of_it) {
-                // What nothing draws has no values.
+                // A material that nothing draws has no values.
                 if let Some(groups) = self.materials.get(number) {
                     groups.set(gpu, &material, highlight);
                 }

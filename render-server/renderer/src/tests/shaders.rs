@@ -157,7 +157,7 @@ fn of_all() -> Interface {
 
 #[test]
 fn depths_of_shadows_are_read_for_penumbras_alone() {
-    // Where shaders compare with them, GLSL cannot read them.
+    // GLSL cannot read textures that shaders compare with.
     for penumbras in [false, true] {
         let text = surface(Interface { penumbras, ..of_all() }, opaque::SOURCE);
         for maps in ["shadow_maps", "lamp_maps"] {

@@ -213,7 +213,7 @@ fn weights_that_do_not_sum_to_one_are_made_to() {
     let swapped = WEIGHTS.map(|of| [of[1], of[0], of[2], of[3]]);
     check([none, swapped.map(|of| of.map(|weight| weight * 7.0))]);
     check([times([2.0; 4]), swapped.map(|of| of.map(|weight| weight * 2.0))]);
-    // What is no weight counts for nothing.
+    // Values that are no weights count for nothing.
     let mut broken = times([0.25; 4]);
     for weights in &mut broken {
         (weights[2], weights[3]) = (-5.0, f32::NAN);
@@ -234,7 +234,7 @@ fn edits_of_joints_bend_a_mesh_that_no_clip_bends() {
         assert!(scene.deformations.len() == 1 && bent.weights.is_empty(), "{bent:?}");
         let mut edits = SceneEdits::default();
         assert_same(&drawn_with(&place, &scene, &edits, &[]), &bar_at(origin, 0.0), 1e-6);
-        // As the clip has the joints after 0.7 s.
+        // The joints stand so in the clip after 0.7 s.
         let turn = DQuat::from_rotation_z(angle(0.7));
         let upper = DAffine3::from_rotation_translation(turn, DVec3::from(UPPER));
         let lower = DAffine3::from_translation(DVec3::new(1.4, 0.0, 0.0));

@@ -56,7 +56,7 @@ fn elements_of_several_reads_come_in_order() {
         let [x, y, z] = [point % 64, point / 64 % 64, point / 4096].map(f32::from);
         [x * 0.5, y * 0.5, z]
     };
-    // Of a stride that reads do not end with.
+    // The stride is one that reads do not end with.
     let row = |point: u16| {
         let mut row = at(point).map(f32::to_le_bytes).concat();
         row.resize(100, 0xff);

@@ -191,7 +191,7 @@ fn a_server_that_goes_is_waited_for_by_neither_frame() {
     assert_eq!(stage.swaps, [FrameId(first), FrameId(first + 1)]);
 }
 
-/// What may happen while frames are on their way.
+/// An event that may happen while frames are on their way.
 #[derive(Clone, Copy, Debug)]
 enum Step {
     Order,

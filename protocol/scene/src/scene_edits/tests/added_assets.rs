@@ -77,7 +77,7 @@ fn what_nodes_draw_of_many_additions_is_counted() {
     use crate::limits::DRAWS_MAX;
 
     let (outline, mut edits) = (SceneOutline::from(&base()), SceneEdits::default());
-    // Of three additions of three meshes each, the last mesh of the second is too large.
+    // There are three additions of three meshes; the last mesh of the second is too large.
     for (manifest, last) in [(1, 2), (2, DRAWS_MAX as u32 + 1), (3, 4)] {
         let manifest = BlobHash([manifest; 32]);
         let set = outline.place_assets(&edits, manifest, vec![1, 1, last], [1, 0]).expect("room");
