@@ -222,13 +222,22 @@ fn check_bounds(page: &Page, browser: &mut Browser) {
     set(browser, "rate", "20");
     let both = QualityBounds { error_px: 1.5, rate_fps: Some(20.0) };
     await_shown(page, "a rate bound", |shown| shown.bounds == both);
-    browser.value("document.getElementById('rate').focus()");
+    type_no_number(browser, "rate", "lowest rate");
+    // An empty field has not changed then.
+    type_no_number(browser, "glow", "glow");
+    assert_eq!(presentation(page).bounds, both);
+}
+
+/// Types what is no number into a field; the page says so by the field's name.
+fn type_no_number(browser: &mut Browser, id: &str, name: &str) {
+    let field = format!("document.getElementById('{id}')");
+    browser.value(&format!("{field}.focus()"));
     browser.call("Input.insertText", &serde_json::json!({ "text": "3-" }));
     // Keys take another way to the page than commands do.
-    browser.await_true("document.getElementById('rate').validity.badInput");
-    browser.value("document.getElementById('rate').blur()");
-    browser.await_true("document.getElementById('log').textContent.includes('lowest rate')");
-    assert_eq!(presentation(page).bounds, both);
+    browser.await_true(&format!("{field}.validity.badInput"));
+    browser.value(&format!("{field}.blur()"));
+    let said = format!("document.getElementById('log').textContent.includes('{name}: write')");
+    browser.await_true(&said);
 }
 
 /// A view lies over the half of the wall that was chosen, the head moves, and the camera flies.

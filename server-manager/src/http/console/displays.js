@@ -1,6 +1,6 @@
 // What displays show of the picture: modes, patterns, bounds, pace, and when they rest.
 
-import { act, actAndDraw, log, presentation } from "./requests.js";
+import { act, actAndDraw, log, onNumber, presentation } from "./requests.js";
 import { byId, isFree, on, state } from "./state.js";
 
 /** Shows how displays are. */
@@ -76,14 +76,8 @@ export function startDisplays() {
     await actAndDraw("PUT", "/api/v1/bounds", { error_px, rate_fps, ...change });
   };
   on("error", "change", () => bound({ error_px: Number(byId("error").value) }));
-  on("rate", "change", () => {
-    const { value, validity } = byId("rate");
-    if (validity.badInput) {
-      log("lowest rate: write a number, or nothing for none", true);
-      return;
-    }
-    bound({ rate_fps: value ? Number(value) : null });
-  });
+  onNumber("rate", "lowest rate",
+    (value) => bound({ rate_fps: value ? Number(value) : null }));
   on("set-pace", "click", () => {
     const pace = byId("pace").value;
     const rate = pace ? { rate: Number(pace) } : {};

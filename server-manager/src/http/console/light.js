@@ -1,7 +1,7 @@
 // How scenes are lit: exposure, tone mapper, fog, glow, ambient occlusion and
 // depth of field.
 
-import { actAndDraw, log, presentation } from "./requests.js";
+import { actAndDraw, onNumber, presentation } from "./requests.js";
 import { byId, isFree, on, state } from "./state.js";
 
 /** What is set by a number, none if it is empty: its path, and its value with that number. */
@@ -27,13 +27,8 @@ export function showLight() {
   show("focus", shown.depth_of_field?.focus ?? "");
 }
 
-async function setNumber(id) {
+async function setNumber(id, value) {
   const [name, valueOf] = NUMBERS[id];
-  const { value, validity } = byId(id);
-  if (validity.badInput) {
-    log(`${name.replaceAll("_", " ")}: write a number, or nothing for none`, true);
-    return;
-  }
   const shown = await presentation();
   if (!shown) return;
   const wanted = value === "" ? null : valueOf(Number(value), shown[name]);
@@ -47,5 +42,7 @@ export function startLight() {
   on("automatic", "change", () => actAndDraw("PUT", "/api/v1/exposure",
     byId("automatic").checked ? { is_automatic: true } : stops()));
   on("tone", "change", () => actAndDraw("PUT", "/api/v1/tone", { tone: byId("tone").value }));
-  for (const id of Object.keys(NUMBERS)) on(id, "change", () => setNumber(id));
+  for (const [id, [name]] of Object.entries(NUMBERS)) {
+    onNumber(id, name.replaceAll("_", " "), (value) => setNumber(id, value));
+  }
 }

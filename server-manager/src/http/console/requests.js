@@ -1,6 +1,6 @@
 // Requests of the HTTP interface. Each shows the same as a line for curl.
 
-import { byId } from "./state.js";
+import { byId, on } from "./state.js";
 
 const LOG_LINES_MAX = 200;
 
@@ -67,4 +67,17 @@ export function log(text, isBad = false) {
   const list = byId("log");
   list.prepend(line);
   while (list.children.length > LOG_LINES_MAX) list.lastChild.remove();
+}
+
+/**
+ * Calls `work` with the text of a field of a number when it has changed. Text that is no number is
+ * told by the field's name: of an empty field it is no change, since a browser takes it for empty.
+ */
+export function onNumber(id, name, work) {
+  on(id, "change", () => {
+    if (!byId(id).validity.badInput) work(byId(id).value);
+  });
+  on(id, "blur", () => {
+    if (byId(id).validity.badInput) log(`${name}: write a number, or nothing for none`, true);
+  });
 }
