@@ -96,7 +96,8 @@ impl Process {
     pub fn finish(&mut self, limit: Duration) -> Finished {
         let status = wait::look_for(limit, || self.child.try_wait().expect("can be asked"));
         let Some(status) = status else {
-            panic!("{} did not end within {limit:?}:\n{}", self.name, self.output());
+            let threads = super::signals::threads_of(self.pid());
+            panic!("{} did not end within {limit:?} ({threads}):\n{}", self.name, self.output());
         };
         // The rest of its output is in the pipes; descendants may hold them open a little longer.
         let is_read = || (Arc::strong_count(&self.log) == 1).then_some(());

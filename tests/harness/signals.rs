@@ -32,6 +32,18 @@ pub fn processes_of(folder: &Path) -> Vec<u32> {
     ids.collect()
 }
 
+/// The threads of a process with the number of the system call in which each waits, to see why it
+/// does not end.
+pub fn threads_of(pid: u32) -> String {
+    let tasks = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    let thread = |task: fs::DirEntry| {
+        let read = |of| fs::read_to_string(task.path().join(of)).unwrap_or_default();
+        let call = read("syscall").split(' ').next().map(str::to_owned).unwrap_or_default();
+        format!("{}: {}", read("comm").trim(), call.trim())
+    };
+    tasks.map(thread).collect::<Vec<_>>().join(", ")
+}
+
 /// Returns whether a process stands still, as SIGSTOP has it.
 pub fn is_stopped(pid: u32) -> bool {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();

@@ -4,7 +4,8 @@
 //! crowd: it may be moved while servers keep what they laid out, and one that joins then has to
 //! draw the same. So a node gets the largest crowd that its mesh is in anywhere in its own file,
 //! and one that had another mesh before stays in its crowd too. Both are drawn where they might be
-//! left out, rather than left out of a surface that is seen.
+//! left out, rather than left out of a surface that is seen. A mesh that stands nowhere in its file,
+//! such as one that a client made of arrays, may stand anywhere: it is never left out by itself.
 
 use glam::DVec3;
 
@@ -20,16 +21,16 @@ impl MeshCrowds {
         Self(vec![0.0; meshes])
     }
 
-    /// Those of the meshes of a file, by their indices in it.
+    /// Those of the meshes of a file, by their indices in it; endless if no node has the mesh.
     pub fn of_file(file: &Scene) -> Self {
-        let mut crowds = Self::new(file.meshes.len());
+        let mut crowds = vec![None; file.meshes.len()];
         for node in &file.nodes {
             let Some(mesh) = node.mesh else { continue };
-            if let Some(largest) = crowds.0.get_mut(mesh as usize) {
-                *largest = largest.max(node.crowd);
+            if let Some(largest) = crowds.get_mut(mesh as usize) {
+                *largest = Some(largest.unwrap_or(0.0_f32).max(node.crowd));
             }
         }
-        crowds
+        Self(crowds.into_iter().map(|largest| largest.unwrap_or(f32::INFINITY)).collect())
     }
 
     /// Adds those of a file, whose first mesh has this number.
@@ -85,6 +86,9 @@ fn kept_crowd(before: f32, old: Sphere, new: Sphere) -> f32 {
     if before <= 1.0 {
         return 0.0;
     }
+    if before.is_infinite() {
+        return before;
+    }
     let reach = f64::from(before) * old.radius + old.center.distance(new.center);
     let crowd = ((reach / new.radius) as f32).next_up();
     if crowd.is_finite() { crowd } else { 0.0 }
@@ -125,11 +129,12 @@ mod tests {
         Node { mesh, crowd, ..Node::default() }
     }
 
-    /// Crowds of a file of five meshes: a wall of the first, stones that stand alone, and nothing
-    /// of the others.
+    /// Crowds of a file of six meshes: a wall of the first, others that stand alone, and the last
+    /// one nowhere.
     fn crowds() -> MeshCrowds {
-        let nodes = vec![node(Some(0), 8.0), node(Some(0), 20.0), node(Some(1), 0.0)];
-        MeshCrowds::of_file(&Scene { nodes, meshes: vec![Mesh::default(); 5], ..Scene::default() })
+        let alone = (1..5).map(|mesh| node(Some(mesh), 0.0));
+        let nodes = [node(Some(0), 8.0), node(Some(0), 20.0)].into_iter().chain(alone).collect();
+        MeshCrowds::of_file(&Scene { nodes, meshes: vec![Mesh::default(); 6], ..Scene::default() })
     }
 
     #[test]
@@ -151,6 +156,16 @@ mod tests {
         let aside = (8.0 * 0.75_f32.sqrt() + 3.0) / (0.25 * 3.0_f32.sqrt());
         assert!(close(given(Some(0), 8.0, 3), aside * 0.9999), "{aside}");
         assert!(close(given(Some(2), 1000.0, 0), 2000.0));
+    }
+
+    #[test]
+    fn a_mesh_without_a_place_in_its_file_is_in_an_endless_crowd() {
+        let meshes = vec![cube(0.0, 1.0); 6];
+        let mut node = node(None, 0.0);
+        crowds().give_mesh(&mut node, Some(5), &meshes);
+        assert_eq!(node.crowd, f32::INFINITY);
+        crowds().give_mesh(&mut node, Some(1), &meshes);
+        assert_eq!(node.crowd, f32::INFINITY, "it may be part of what it was part of");
     }
 
     #[test]
