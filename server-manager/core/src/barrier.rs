@@ -318,10 +318,11 @@ impl Cluster {
         // A late channel is measured by the deadline, not by the others: one that is slower than
         // they are, but not too slow, would else be late for ever.
         let awaiting = self.pipeline.iter().find(|b| b.awaits(drawn));
+        let (length, longest) = self.frame_waits();
         let allowed = if self.pipeline.iter().any(|b| b.is_all_late) {
-            self.deadline.longest()
+            longest
         } else {
-            awaiting.map_or_else(|| self.deadline.length(), Barrier::length)
+            awaiting.map_or(length, Barrier::length)
         };
         let is_awaited = awaiting.is_some();
         let beginning = self.beginnings.of(drawn.frame, self.frame);
@@ -332,7 +333,7 @@ impl Cluster {
         } else if let Some((_, reduction)) =
             beginning.filter(|_| self.is_warm(drawn.channel) && !drawn.is_trial)
         {
-            let draw_us = Micros::from(drawn.draw_us);
+            let draw_us = Micros::from(drawn.draw_us) + self.undrawn_time();
             let bounds = &self.presentation.bounds;
             self.rate_bound.add_late(bounds, drawn.channel, draw_us, reduction);
         }
@@ -425,6 +426,7 @@ impl Cluster {
             let missed_us = now.saturating_sub(barrier.turn + lead_us);
             let missed_us = (!barrier.waited.is_empty()).then_some(missed_us);
             if let Some(us) = barrier.slowest_untried_us().map(Micros::from).max(missed_us) {
+                let us = us + self.undrawn_time();
                 self.rate_bound.add(&self.presentation.bounds, us, barrier.reduction);
             }
         }

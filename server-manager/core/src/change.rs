@@ -381,21 +381,26 @@ impl Cluster {
         }
     }
 
-    /// Resynchronises a server that has prepared a refused change.
-    ///
-    /// Returns whether it had prepared one.
-    pub(super) fn resync_if_rejected(
-        &mut self,
-        now: Micros,
-        from: SessionId,
-        revision: Revision,
-    ) -> bool {
+    /// Returns whether a server has prepared a change that was refused before. It is live as before
+    /// if it holds the shown state and no other refused one, as in [`Self::stay`]; else it is
+    /// resynchronised.
+    pub(super) fn is_rejected(&mut self, now: Micros, from: SessionId, revision: Revision) -> bool {
         let is_refused = self.changes.is_refused(self.shown.revision, revision)
             && self.changes.digest_of(revision).is_none();
-        if is_refused {
+        if !is_refused {
+            return false;
+        }
+        let state = |id: &ChannelId| self.registry.channel(*id).map(|channel| channel.state);
+        let goes_on = self.registry.server(from).is_some_and(|server| {
+            server.prepared == Some(self.shown.revision)
+                && server.channels.iter().all(|id| state(id) == Some(ChannelState::Live))
+        });
+        if goes_on && !std::mem::replace(&mut self.changes.is_refused_unseen, true) {
+            self.wants_frame |= !self.pacer.is_soon(now);
+        } else {
             self.resynchronise(now, &[from], HOLDS_REFUSED);
         }
-        is_refused
+        true
     }
 
     /// Channels that cannot draw the shown revision yet are not waited for.

@@ -180,7 +180,7 @@ impl Cluster {
             Answered::Obsolete => return self.send_due_prepares(vec![from]),
             Answered::Owed => {}
         }
-        if self.resync_if_rejected(now, from, prepared.revision) {
+        if self.is_rejected(now, from, prepared.revision) {
             return;
         }
         let expected = if prepared.revision == self.shown.revision {

@@ -64,7 +64,8 @@ impl Pacer {
             Some(Pacing::Rate(rate)) => (1e6 / rate) as Micros,
         };
         // A frame that was ordered long before its beat does not stand for it.
-        if !self.is_soon(now) {
+        // Nor does one more than a beat before: of many frames at once only one stands for it.
+        if !self.is_soon(now) || self.next > now.saturating_add(period) {
             return;
         }
         // A wall that cannot keep the rate drops beats; it does not hurry afterwards.
@@ -138,5 +139,17 @@ mod tests {
         assert!(pacer.is_soon(49_000_000));
         pacer.frame_started(49_500_000, true);
         assert_eq!(pacer.next_start(), Some(100_000_000), "this one stands for it");
+    }
+
+    #[test]
+    fn of_many_frames_at_once_one_stands_for_the_next_beat() {
+        let mut pacer = Pacer::default();
+        pacer.set(Some(Pacing::Rate(10.0)), 0);
+        for now in 0..40 {
+            pacer.frame_started(now * 1_000, true);
+        }
+        assert_eq!(pacer.next_start(), Some(200_000));
+        pacer.frame_started(200_000, true);
+        assert_eq!(pacer.next_start(), Some(300_000));
     }
 }

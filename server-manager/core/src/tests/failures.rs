@@ -41,6 +41,12 @@ fn a_frame_is_not_late_for_the_lead_of_the_swap_before_it() {
     let took = frame_time(&mut stage, &[0]);
     assert!(took <= deadline + 101_000, "{took} µs, the deadline being {deadline}");
     assert_eq!(stage.state(1), ChannelState::Late);
+    // Nor is one that was late before.
+    for _ in 0..20 {
+        stage.order_frame();
+        stage.draw(&[1, 0], 120_000);
+    }
+    assert_eq!(stage.state(1), ChannelState::Live);
 }
 
 #[test]

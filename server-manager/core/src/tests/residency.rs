@@ -224,6 +224,26 @@ fn a_part_for_which_nobody_else_waits_has_ten_seconds() {
 }
 
 #[test]
+fn a_part_that_comes_after_it_was_given_up_costs_no_display() {
+    let mut stage = ClusterFixture::limited();
+    let before = stage.cluster.shown.clone();
+    stage.look(at(10.0));
+    let (_, part) = stage.prepares[1].clone();
+    stage.prepare(SessionId(0));
+    stage.live_for(10_500_000);
+    stage.look(at(0.0));
+    stage.prepare(SessionId(1));
+    assert_eq!([0, 1].map(|index| stage.state(index)), [ChannelState::Live; 2]);
+    assert_eq!(stage.cluster.shown, before);
+    stage.look(at(10.0));
+    stage.live_for(11_000_000);
+    let later = stage.prepares.iter().filter(|(_, prepare)| prepare.revision > part.revision);
+    assert_eq!(later.count(), 2, "it is tried again");
+    stage.prepare_all();
+    assert_eq!(stage.cluster.shown.seen_from.len(), 1);
+}
+
+#[test]
 fn servers_that_hold_all_are_told_nothing() {
     for (wall, reach) in [(limited(2), None), (wall(2), Some(REACH))] {
         let mut stage = ClusterFixture::live(wall);
