@@ -217,6 +217,8 @@ async fn bake(
         .args(options)
         .args(["--memory-mib", &baker.memory_mib.to_string()])
         .arg("--with-parent")
+        // Each thread that allocates reserves 64 MiB of the address space that it may take.
+        .env("MALLOC_ARENA_MAX", "8")
         // Its last line is read below, whatever form this process's own log has.
         .args(["--log", "text,warn"])
         // Held until the baker has ended: should this process end, the baker's input does too.

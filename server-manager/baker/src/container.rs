@@ -51,11 +51,21 @@ pub(super) const EXTENSIONS: [&str; 29] = [
 ];
 
 /// Extensions without which a file's shapes stay as they are: one that requires them is drawn, with
-/// a note. Those of materials are known by how their names begin.
-const OF_APPEARANCE: [&str; 9] = [
+/// a note if anything is missing. Those of materials are known by how their names begin.
+const OF_APPEARANCE: [&str; 19] = [
+    "EXT_instance_features",
     "EXT_lights_ies",
+    "EXT_mesh_features",
+    "EXT_mesh_manifold",
+    "EXT_mesh_primitive_restart",
+    "EXT_structural_metadata",
     "EXT_texture_avif",
+    "FB_geometry_metadata",
+    "GODOT_single_root",
     "KHR_audio_emitter",
+    "KHR_node_hoverability",
+    "KHR_node_selectability",
+    "KHR_physics_rigid_bodies",
     "KHR_technique_webgl",
     "KHR_techniques_webgl",
     "KHR_xmp",

@@ -262,7 +262,11 @@ fn convert(
     let instances = match &node.extensions.instancing {
         Some(instancing) if mesh.is_some() => {
             let instances = instances(job, instancing, &place, instances_left)?;
-            mesh = mesh.filter(|_| !instances.is_empty());
+            if instances.is_empty() {
+                let place = format!("{place}.extensions.EXT_mesh_gpu_instancing");
+                job.leave_out(&place, "it has no instances", "one instance draws the mesh once");
+                mesh = None;
+            }
             instances
         }
         _ => Vec::new(),

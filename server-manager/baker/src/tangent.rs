@@ -1,6 +1,6 @@
 //! Tangents as glTF prescribes them where a file has none: MikkTSpace.
 
-use bevy_mikktspace::TangentSpace;
+use bevy_mikktspace::{Geometry as _, TangentSpace};
 use foldhash::{HashMap, HashMapExt};
 use glam::{Affine2, DVec3, Vec2, Vec3};
 
@@ -14,16 +14,27 @@ const UV_MAX: f32 = 1e6;
 /// every pair, so that a file with a million vertices in one point would take hours.
 const PAIRS_MAX: u64 = 1 << 30;
 
-/// Returns whether welding would take hours: it compares each pair of vertices that share a place,
-/// and there are more than [`PAIRS_MAX`].
-fn is_crowded(positions: &[[f32; 3]]) -> bool {
-    let mut count_at: HashMap<[u32; 3], u64> = HashMap::with_capacity(positions.len());
+/// Most corners of triangles in one place: the triangles around a place are one chain of calls, and
+/// their time grows with the square of their number.
+const CORNERS_MAX: u64 = 10_000;
+
+/// Returns whether tangents would take hours or no stack holds them: welding compares each pair of
+/// vertices that share a place, and there are more than [`PAIRS_MAX`], or a place has more than
+/// [`CORNERS_MAX`].
+fn is_crowded(geometry: &Geometry) -> bool {
+    let mut corners_of = vec![0u64; geometry.positions.len()];
+    for index in &geometry.indices {
+        corners_of[*index as usize] += 1;
+    }
+    let mut counts_at: HashMap<[u32; 3], [u64; 2]> =
+        HashMap::with_capacity(geometry.positions.len());
     let mut pairs = 0u64;
-    positions.iter().any(|position| {
-        let count = count_at.entry(position.map(f32::to_bits)).or_default();
-        pairs += *count;
-        *count += 1;
-        pairs > PAIRS_MAX
+    geometry.positions.iter().zip(corners_of).any(|(position, own)| {
+        let [vertices, corners] = counts_at.entry(position.map(f32::to_bits)).or_default();
+        pairs += *vertices;
+        *vertices += 1;
+        *corners += own;
+        pairs > PAIRS_MAX || *corners > CORNERS_MAX
     })
 }
 
@@ -51,10 +62,13 @@ pub(super) fn generate(
         tangents: vec![[0.0, 0.0, 0.0, 1.0]; geometry.indices.len()],
     };
     // The enum of errors has no variants; should it get one, the clean-up below stands in.
-    let is_crowded = is_crowded(&geometry.positions);
+    let is_crowded = is_crowded(geometry);
     if is_crowded || bevy_mikktspace::generate_tangents(&mut surface).is_err() {
-        job.warn(&format!("{place}: too many vertices in one place; its tangents are rough"));
+        job.warn(&format!(
+            "{place}: too many vertices or triangles in one place; its tangents are rough"
+        ));
     }
+    surface.fill_lines();
     let mut tangents = surface.tangents;
     for (corner, tangent) in tangents.iter_mut().enumerate() {
         *tangent = clean_tangent(*tangent, normal(geometry, corner));
@@ -71,6 +85,8 @@ fn normal(geometry: &Geometry, corner: usize) -> [f32; 3] {
     flat_normal(&geometry.positions, &geometry.indices[first..first + 3])
 }
 
+/// Those of a geometry whose triangles without two corners in one place count: for each corner of
+/// another one all triangles would be looked through.
 struct TangentSpaceInput<'a> {
     geometry: &'a Geometry,
     uv: Option<&'a Vec<[f32; 2]>>,
@@ -80,13 +96,42 @@ struct TangentSpaceInput<'a> {
     tangents: Vec<[f32; 4]>,
 }
 
+impl TangentSpaceInput<'_> {
+    /// Returns whether two corners of a triangle are in one place, as its tangents are found.
+    fn is_line(&self, face: usize) -> bool {
+        let [a, b, c] = [0, 1, 2].map(|vert| self.position(face, vert));
+        a == b || b == c || c == a
+    }
+
+    /// Gives the corners of triangles that did not count the tangents that their vertices have
+    /// elsewhere, so that none becomes two.
+    fn fill_lines(&mut self) {
+        let lines: Vec<usize> = (0..self.num_faces()).filter(|face| self.is_line(*face)).collect();
+        if lines.is_empty() {
+            return;
+        }
+        let indices = &self.geometry.indices;
+        let mut known = vec![None; self.geometry.positions.len()];
+        for face in (0..self.num_faces()).filter(|face| !self.is_line(*face)) {
+            for corner in face * 3..face * 3 + 3 {
+                known[indices[corner] as usize].get_or_insert(self.tangents[corner]);
+            }
+        }
+        for corner in lines.into_iter().flat_map(|face| face * 3..face * 3 + 3) {
+            if let Some(tangent) = known[indices[corner] as usize] {
+                self.tangents[corner] = tangent;
+            }
+        }
+    }
+}
+
 impl bevy_mikktspace::Geometry for TangentSpaceInput<'_> {
     fn num_faces(&self) -> usize {
         self.geometry.indices.len() / 3
     }
 
-    fn num_vertices_of_face(&self, _face: usize) -> usize {
-        3
+    fn num_vertices_of_face(&self, face: usize) -> usize {
+        if self.is_line(face) { 0 } else { 3 }
     }
 
     fn position(&self, face: usize, vert: usize) -> [f32; 3] {

@@ -134,19 +134,36 @@ pub(super) fn color_length(points: impl Iterator<Item = DVec3>) -> f64 {
     COLOR_SLIDE * width::of_points(points)
 }
 
+/// Texture units on a surface that is shown by single places of its texture, such as the colours of
+/// a palette: triangles of which one unit would be longer than so many diagonals of the box around
+/// the surface have one place each.
+const PALETTE_UNITS: f64 = 1024.0;
+
 /// Returns how long a texture unit is on the surface on average: the root of the area on the
-/// surface by that on the texture; 0 if that has no meaning.
+/// surface by that on the texture; 0 if that has no meaning. Where most of the surface is shown by
+/// single places of the texture, any two of them are as far from each other as can be.
 pub(super) fn uv_length(
     indices: &[u32],
     position: impl Fn(u32) -> DVec3,
     uv: impl Fn(u32) -> DVec2,
 ) -> f64 {
-    let (mut area, mut texture_area) = (0.0, 0.0);
+    let bounds = indices.iter().map(|index| position(*index));
+    let bounds = bounds.map(|point| (point, point)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+    let longest = bounds.map_or(0.0, |(min, max)| (max - min).length()) * PALETTE_UNITS;
+    let (mut area, mut texture_area, mut palette_area) = (0.0, 0.0, 0.0);
     for corners in indices.as_chunks::<3>().0 {
         let [a, b, c] = corners.map(&position);
-        area += (b - a).cross(c - a).length();
+        let own = (b - a).cross(c - a).length();
         let [a, b, c] = corners.map(&uv);
-        texture_area += (b - a).perp_dot(c - a).abs();
+        let own_texture = (b - a).perp_dot(c - a).abs();
+        if own > own_texture * longest * longest {
+            palette_area += own;
+        }
+        area += own;
+        texture_area += own_texture;
+    }
+    if 2.0 * palette_area > area {
+        return longest;
     }
     let length = (area / texture_area).sqrt();
     if length.is_finite() { length } else { 0.0 }

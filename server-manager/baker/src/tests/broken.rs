@@ -343,7 +343,26 @@ fn many_vertices_in_one_place_take_no_time() {
         "POSITION": positions, "NORMAL": normals, "TEXCOORD_0": uvs } });
     let place = BakeFixture::new();
     let baked = place.bake(&place.write("scene.glb", &builder.glb())).expect("baked");
-    assert!(baked.warnings[0].contains("too many vertices in one place"));
+    assert!(baked.warnings[0].contains("too many vertices or triangles in one place"));
+}
+
+#[test]
+fn a_hub_of_many_triangles_takes_no_stack() {
+    let mut builder = textured(&png(1, 1, |_, _| [9; 4]));
+    let count = 100_000_u32;
+    let angle = |index: u32| std::f32::consts::TAU * index as f32 / count as f32;
+    let rim = (0..count).map(|index| [angle(index).cos(), angle(index).sin(), 0.0]);
+    let positions: Vec<[f32; 3]> = std::iter::once([0.0; 3]).chain(rim).collect();
+    let uvs: Vec<[f32; 2]> = positions.iter().map(|[x, y, _]| [*x, *y]).collect();
+    let normals = vec![[0.0, 0.0, 1.0]; positions.len()];
+    let positions = builder.floats("VEC3", positions.as_flattened());
+    let normals = builder.floats("VEC3", normals.as_flattened());
+    let uvs = builder.floats("VEC2", uvs.as_flattened());
+    builder.json["meshes"][0]["primitives"][0] = json!({ "material": 0, "mode": 6,
+        "attributes": { "POSITION": positions, "NORMAL": normals, "TEXCOORD_0": uvs } });
+    let place = BakeFixture::new();
+    let baked = place.bake(&place.write("scene.glb", &builder.glb())).expect("baked");
+    assert!(baked.warnings[0].contains("too many vertices or triangles in one place"));
 }
 
 /// Replaces the `nth` number of the JSON, counted from the front and around.

@@ -2,8 +2,10 @@
 
 use std::sync::atomic::AtomicBool;
 
+use glam::{DVec2, DVec3};
 use polyptych_scene::VertexLayout;
 
+use super::shapes::Shape;
 use crate::levels::{Levels, Surface, build};
 
 const LAYOUT: VertexLayout = VertexLayout { tangent: false, uv0: false, uv1: false, color: true };
@@ -77,4 +79,32 @@ fn a_band_is_drawn_until_the_error_is_as_wide() {
     }
     let all = levels.meshlets.iter().map(|of| of.error).fold(0.0, f32::max);
     assert!(all > 4.0, "the band is gone for {all} m");
+}
+
+/// A palette has one place of a texture for each face: its area there is none.
+#[test]
+fn tiles_of_a_palette_keep_their_colours() {
+    let mut mosaic = Shape::new("mosaic");
+    let tile_of = |vertex: u32| [vertex / 4 % 24, vertex / 4 / 24];
+    let texel = |vertex: u32| {
+        let [x, y] = tile_of(vertex);
+        (x * 7 + y * 5 + x * y) % 16
+    };
+    for tile in 0..24 * 24 {
+        let [x, y] = tile_of(4 * tile).map(f64::from);
+        let uv = DVec2::new(f64::from(texel(4 * tile)) / 16.0, 0.5);
+        let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
+        let [a, b, c, d] =
+            corners.map(|[dx, dy]| mosaic.vertex(DVec3::new(x + dx, y + dy, 0.0), uv));
+        mosaic.indices.extend([a, b, c, b, d, c]);
+    }
+    let levels = build(&[mosaic.surface()], &AtomicBool::new(false)).expect("not cancelled");
+    let levels = levels.into_iter().next().flatten().expect("levels");
+    for limit in [0.001, 0.25] {
+        let corners = drawn(&levels, limit);
+        let triangles = corners.as_chunks::<3>().0;
+        let is_mixed = |of: &&[u32; 3]| of.iter().any(|at| texel(*at) != texel(of[0]));
+        assert_eq!(triangles.iter().filter(is_mixed).count(), 0, "{limit} m");
+        assert!(triangles.len() > 500, "{} triangles at {limit} m", triangles.len());
+    }
 }
