@@ -168,6 +168,9 @@ pub(super) fn film(arguments: &FilmArguments) -> anyhow::Result<ExitCode> {
     } else {
         say_report(&report)?;
     }
+    if let (Err(_), Err(error)) = (&filmed, &resumed) {
+        tracing::warn!(%error, "the wall may stay paused; the page lets it run again, by its pace");
+    }
     filmed.and(ended)?;
     resumed.context("the film is whole, but the wall does not run on")?;
     Ok(ExitCode::SUCCESS)

@@ -22,12 +22,16 @@ fn wall(depth: u32) -> Wall {
 
 /// A run through a relay that takes 4 ms each way, and its report.
 fn simulated(depth: u32) -> (Simulation, Value) {
-    let mut arguments = vec!["--orbit", "--frames", "12"];
+    let place = TestDir::new();
+    let record = place.path("wall.rec").display().to_string();
+    let mut arguments = vec!["--orbit", "--frames", "12", "--record", &record];
     for fault in ["at 1 delay 4ms front-1-1", "at 1 delay 4ms front-2-1"] {
         arguments.extend(["--fault", fault]);
     }
-    let mut simulation = Simulation::start(TestDir::new(), &wall(depth), town(), &arguments);
+    let mut simulation = Simulation::start(place, &wall(depth), town(), &arguments);
     simulation.process.finish(wait::LIMIT).succeeded();
+    // All that a manager may do is found in its recording.
+    simulation.place.run(["replay", &record]).succeeded();
     let text = std::fs::read(simulation.place.path("out/report.json")).expect("a report");
     (simulation, serde_json::from_slice(&text).expect("JSON"))
 }

@@ -159,6 +159,7 @@ fn each_fault_fails_a_row_and_no_right_wall_does() {
         ("mirror = true", None),
         ("edges = { right = 20 }", None),
         ("turn = \"half\"", None),
+        ("bits = 10", None),
         ("gamma = 1.8", None),
         (&alphas, None),
         (measured, Some(measured)),

@@ -39,12 +39,13 @@ impl RegionGroup {
 
     /// Takes the next view, unless others have regions and it has no room beside them.
     fn add(&mut self, (region, behind): &GlassRegion, side_max: u32) -> bool {
+        let needs_none = region.is_none() && behind.is_empty();
         let mut all = self.regions.clone();
         all.push(*region);
         let behind = [&self.behind[..], behind].concat();
         let texels = all.iter().flatten().map(|of| u64::from(of.size[0]) * u64::from(of.size[1]));
         let is_small = texels.sum::<u64>() <= TEXELS_MAX && has_room_behind(&behind, side_max);
-        let has_room = is_small || self.sides == [0, 0];
+        let has_room = is_small || needs_none || self.sides == [0, 0];
         let Some(sides) = pack(all.iter_mut().flatten(), side_max).filter(|_| has_room) else {
             return false;
         };

@@ -1,7 +1,7 @@
 //! Invariants that hold whatever the core is told; they stay true when the core is changed on
 //! purpose.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, VecDeque};
 
 use polyptych_core::{ClientRequest, Cluster, Effect, Input, Micros, SessionId};
 use polyptych_protocol::command::Command;
@@ -25,7 +25,12 @@ pub struct Invariants {
     /// `true` if the first input is the first of the manager's life: otherwise older requests may
     /// be answered, and an older frame swapped.
     is_from_start: bool,
-    begun: Option<Begun>,
+    /// The frames that have begun and are not swapped, in order: as many as the wall may draw ahead,
+    /// and one.
+    begun: VecDeque<Begun>,
+    begun_max: usize,
+    /// The time of the last swap.
+    swapped_at: Micros,
     frame: FrameId,
     open: BTreeSet<ClientRequest>,
     is_over: bool,
@@ -46,7 +51,17 @@ impl Invariants {
     pub fn new(cluster: &Cluster, is_from_start: bool, what: String) -> Self {
         let frame = if is_from_start { FrameId(0) } else { cluster.frame_begun() };
         let open = BTreeSet::new();
-        Self { what, is_from_start, begun: None, frame, open, is_over: false }
+        let begun_max = 1 + cluster.wall().sync.pipeline_depth as usize;
+        Self {
+            what,
+            is_from_start,
+            begun: VecDeque::new(),
+            begun_max,
+            swapped_at: 0,
+            frame,
+            open,
+            is_over: false,
+        }
     }
 
     /// Requests that wait for their answer.
@@ -54,9 +69,10 @@ impl Invariants {
         &self.open
     }
 
-    /// Returns the frame on its way, and the time at which it began.
+    /// Returns the next frame to be swapped, and the time at which its turn began: with it, or with
+    /// the swap before it.
     pub fn frame_began(&self) -> Option<(FrameId, Micros)> {
-        self.begun.as_ref().map(|begun| (begun.frame, begun.at))
+        self.begun.front().map(|begun| (begun.frame, begun.at.max(self.swapped_at)))
     }
 
     /// The core was told this, and decided that.
@@ -79,7 +95,7 @@ impl Invariants {
                 self.open.insert(ClientRequest { client: *client, id: *id });
             }
             Input::Status { status: ServerMessage::Drawn(drawn), .. } => {
-                if let Some(begun) = self.begun.as_mut().filter(|b| b.frame == drawn.frame) {
+                if let Some(begun) = self.begun.iter_mut().find(|b| b.frame == drawn.frame) {
                     begun.drawn.insert(drawn.channel);
                 }
             }
@@ -90,7 +106,7 @@ impl Invariants {
             let live = states.filter(|((_, state, _, _), _)| *state == ChannelState::Live);
             live.map(|(_, index)| ChannelId(index)).collect::<BTreeSet<_>>()
         };
-        if let Some(known) = self.begun.as_mut().and_then(|begun| begun.live.as_mut()) {
+        for known in self.begun.iter_mut().filter_map(|begun| begun.live.as_mut()) {
             let live = live();
             known.retain(|id| live.contains(id));
         }
@@ -100,7 +116,7 @@ impl Invariants {
                 format!("{} at {at_s:.6} s, as {}: {fault}", self.what, words::of_input(input))
             })?;
         }
-        if let Some(begun) = &mut self.begun {
+        for begun in &mut self.begun {
             begun.live.get_or_insert_with(live);
         }
         Ok(())
@@ -110,7 +126,7 @@ impl Invariants {
         match output {
             Effect::Command { to, command } => match &**command {
                 Command::Frame(frame) => self.begin(now, frame.frame, to),
-                Command::Swap(swap) => self.swap(swap.frame, to),
+                Command::Swap(swap) => self.swap(now, swap.frame, to),
                 _ => Ok(()),
             },
             Effect::Answer { to, answer: MessageToClient::Reply { id, .. } } => {
@@ -128,27 +144,27 @@ impl Invariants {
     }
 
     fn begin(&mut self, at: Micros, frame: FrameId, to: &[SessionId]) -> Result<(), String> {
-        if let Some(begun) = &self.begun {
-            return Err(format!("frame {frame} begins before frame {} was swapped", begun.frame));
+        if let Some(first) = self.begun.front().filter(|_| self.begun.len() == self.begun_max) {
+            return Err(format!("frame {frame} begins before frame {} was swapped", first.frame));
         }
         if frame <= self.frame {
             return Err(format!("frame {frame} begins after frame {}", self.frame));
         }
         self.frame = frame;
         let (sent, drawn) = (to.to_vec(), BTreeSet::new());
-        self.begun = Some(Begun { frame, at, sent, live: None, drawn });
+        self.begun.push_back(Begun { frame, at, sent, live: None, drawn });
         Ok(())
     }
 
-    fn swap(&mut self, frame: FrameId, to: &[SessionId]) -> Result<(), String> {
-        let Some(begun) = self.begun.take() else {
-            // It began before the first input that is known.
-            let is_older = !self.is_from_start && frame == self.frame;
-            return if is_older {
-                Ok(())
-            } else {
-                Err(format!("frame {frame} is swapped and has not begun"))
-            };
+    fn swap(&mut self, now: Micros, frame: FrameId, to: &[SessionId]) -> Result<(), String> {
+        self.swapped_at = now;
+        let first = self.begun.front().map(|begun| begun.frame);
+        // It began before the first input that is known.
+        if !self.is_from_start && frame <= self.frame && first.is_none_or(|first| frame < first) {
+            return Ok(());
+        }
+        let Some(begun) = self.begun.pop_front() else {
+            return Err(format!("frame {frame} is swapped and has not begun"));
         };
         if begun.frame != frame {
             return Err(format!("frame {frame} is swapped instead of frame {}", begun.frame));

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use polyptych_core::{Cluster, Effect, Input, Micros, SessionId};
 use polyptych_protocol::command::Command;
 use polyptych_protocol::feedback::ChannelState;
+use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::request::{MessageToClient, Request};
 use serde::Serialize;
 
@@ -59,14 +60,15 @@ pub(super) struct Timeline {
     states: Vec<ChannelState>,
     /// Servers and clients by their sessions.
     peers: BTreeMap<SessionId, String>,
-    began: Option<Micros>,
+    /// When frames began that are not swapped.
+    began: BTreeMap<FrameId, Micros>,
 }
 
 impl Timeline {
     pub fn new(cluster: &Cluster) -> Self {
         let states = cluster.channel_states().map(|(_, state, _, _)| state).collect();
         let (summary, peers) = (Summary::default(), BTreeMap::new());
-        Self { summary, now: None, states, peers, began: None }
+        Self { summary, now: None, states, peers, began: BTreeMap::new() }
     }
 
     pub fn now_s(&self) -> f64 {
@@ -199,10 +201,11 @@ impl Timeline {
     fn note_output(&mut self, now: Micros, output: &Effect) {
         match output {
             Effect::Command { command, .. } => match &**command {
-                Command::Frame(_) => self.began = Some(now),
-                Command::Swap(_) => {
+                Command::Frame(frame) => drop(self.began.insert(frame.frame, now)),
+                Command::Swap(swap) => {
                     self.summary.frames += 1;
-                    let began = self.began.take().unwrap_or(now);
+                    let began = self.began.remove(&swap.frame).unwrap_or(now);
+                    self.began.retain(|frame, _| *frame > swap.frame);
                     let took_ms = now.saturating_sub(began) as f64 / 1000.0;
                     if took_ms > self.summary.longest_frame_ms {
                         self.summary.longest_frame_ms = took_ms;

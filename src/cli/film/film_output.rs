@@ -156,6 +156,12 @@ impl Video {
     }
 }
 
+/// What ffmpeg makes of the pictures: encoders take pairs of pixels, and players take videos of
+/// 720 lines and more for BT.709 unless they say what they are; without a word it writes BT.601.
+const FILTERS: &str = "pad=ceil(iw/2)*2:ceil(ih/2)*2,\
+                       scale=out_color_matrix=bt709:out_range=tv,format=yuv420p,\
+                       setparams=colorspace=bt709:color_primaries=bt709:color_trc=bt709:range=tv";
+
 impl Encoder {
     fn start(path: &Path, size: (u32, u32), fps: f64) -> anyhow::Result<Self> {
         // A path with a colon would be taken for a protocol.
@@ -166,8 +172,8 @@ impl Encoder {
             .args(["-hide_banner", "-loglevel", "error", "-y", "-f", "rawvideo"])
             .args(["-pixel_format", "rgba", "-video_size", &format!("{width}x{height}")])
             .args(["-framerate", &fps.to_string(), "-i", "pipe:0"])
-            // Encoders take pairs of pixels.
-            .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"])
+            .args(["-vf", FILTERS, "-pix_fmt", "yuv420p", "-color_range", "tv"])
+            .args(["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709"])
             .arg(target)
             .stdin(Stdio::piped())
             .stdout(Stdio::null())

@@ -16,8 +16,8 @@ use polyptych_wall::channel_mapping::ChannelMapping;
 use polyptych_wall::light_composite::{LinearImage, StereoEye};
 use polyptych_wall::wall_geometry::{ResolvedWall, ScreenGeometry};
 use polyptych_wall::{
-    Channel, ChannelCalibration, ChannelKind, StereoPacking, Surface, TransferFunction, Viewpoint,
-    Wall,
+    BitDepth, Channel, ChannelCalibration, ChannelKind, StereoPacking, Surface, TransferFunction,
+    Viewpoint, Wall,
 };
 
 use crate::simulator::verify::fields::{Fields, GREYS};
@@ -425,9 +425,15 @@ impl Sums {
         let count = lit.len() as f64;
         // What each has of it is not known, and half a level is most where it is equal.
         let share = right / count;
+        // A picture of 10 bits is rounded to its codes, and then to those of 8 bits.
+        let step = |at: &usize| match lamps[*at].channel.adjustment.bits {
+            BitDepth::Eight => self.step,
+            BitDepth::Ten => self.step + 0.5 * 255.0 / 1023.0,
+        };
+        let largest = lit.iter().map(|(at, _)| step(at)).fold(0.0, f64::max);
         let half = |(at, _): &(usize, DVec2)| {
             let code = curve(at).encode(lamps[*at].built.inverse() * share);
-            let half = curve(at).decode(code + self.step / 255.0) - curve(at).decode(code);
+            let half = curve(at).decode(code + step(at) / 255.0) - curve(at).decode(code);
             (lamps[*at].built * (half * (DVec3::ONE - lamps[*at].leak))).abs()
         };
         let halves: DVec3 = lit.iter().map(half).sum();
@@ -435,7 +441,7 @@ impl Sums {
             ((codes(shown) - codes(right)).abs(), codes(right + halves) - codes(right));
         let part = |axis: &usize| {
             let gamma = if let TransferFunction::Gamma(gamma) = first { gamma[*axis] } else { 2.4 };
-            off[*axis] / (self.step * count.powf(gamma.recip())).max(near[*axis])
+            off[*axis] / (largest * count.powf(gamma.recip())).max(near[*axis])
         };
         axes.iter().map(part).fold(0.0, f64::max)
     }
