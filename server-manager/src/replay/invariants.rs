@@ -25,8 +25,8 @@ pub struct Invariants {
     /// `true` if the first input is the first of the manager's life: otherwise older requests may
     /// be answered, and an older frame swapped.
     is_from_start: bool,
-    /// The frames that have begun and are not swapped, in order: as many as the wall may draw ahead,
-    /// and one.
+    /// The frames that have begun and are not swapped, in order: one, and as many as the wall may
+    /// draw ahead.
     begun: VecDeque<Begun>,
     begun_max: usize,
     /// The time of the last swap.

@@ -4,8 +4,9 @@
 //! crowd: it may be moved while servers keep what they laid out, and one that joins then has to
 //! draw the same. So a node gets the largest crowd that its mesh is in anywhere in its own file,
 //! and one that had another mesh before stays in its crowd too. Both are drawn where they might be
-//! left out, rather than left out of a surface that is seen. A mesh that stands nowhere in its file,
-//! such as one that a client made of arrays, may stand anywhere: it is never left out by itself.
+//! left out, rather than left out of a surface that is seen. A mesh that stands nowhere in its
+//! file, such as one that a client made of arrays, may stand anywhere: it is never left out by
+//! itself.
 
 use glam::DVec3;
 
