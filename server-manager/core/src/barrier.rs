@@ -333,7 +333,7 @@ impl Cluster {
         } else if let Some((_, reduction)) =
             beginning.filter(|_| self.is_warm(drawn.channel) && !drawn.is_trial)
         {
-            let draw_us = Micros::from(drawn.draw_us) + self.undrawn_time();
+            let draw_us = Micros::from(drawn.draw_us);
             let bounds = &self.presentation.bounds;
             self.rate_bound.add_late(bounds, drawn.channel, draw_us, reduction);
         }
@@ -426,7 +426,6 @@ impl Cluster {
             let missed_us = now.saturating_sub(barrier.turn + lead_us);
             let missed_us = (!barrier.waited.is_empty()).then_some(missed_us);
             if let Some(us) = barrier.slowest_untried_us().map(Micros::from).max(missed_us) {
-                let us = us + self.undrawn_time();
                 self.rate_bound.add(&self.presentation.bounds, us, barrier.reduction);
             }
         }

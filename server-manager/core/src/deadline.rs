@@ -59,12 +59,6 @@ impl Cluster {
         Micros::from(self.wall.sync.swap_lead_ms) * 1000
     }
 
-    /// Returns the part of a frame's time in which servers draw nothing, since they do not show the
-    /// frame before yet; none where they draw ahead.
-    pub(super) fn undrawn_time(&self) -> Micros {
-        if self.wall.sync.pipeline_depth == 0 { self.swap_lead() } else { 0 }
-    }
-
     /// Returns the time that the next frame waits, and the longest that any does. Servers draw
     /// nothing before the instant at which they show the frame before, so both count from there.
     pub(super) fn frame_waits(&self) -> (Micros, Micros) {
