@@ -18,26 +18,6 @@ const PAIRS_MAX: u64 = 1 << 30;
 /// their time grows with the square of their number.
 const CORNERS_MAX: u64 = 10_000;
 
-/// Returns whether tangents would take hours or no stack holds them: welding compares each pair of
-/// vertices that share a place, and there are more than [`PAIRS_MAX`], or a place has more than
-/// [`CORNERS_MAX`].
-fn is_crowded(geometry: &Geometry) -> bool {
-    let mut corners_of = vec![0u64; geometry.positions.len()];
-    for index in &geometry.indices {
-        corners_of[*index as usize] += 1;
-    }
-    let mut counts_at: HashMap<[u32; 3], [u64; 2]> =
-        HashMap::with_capacity(geometry.positions.len());
-    let mut pairs = 0u64;
-    geometry.positions.iter().zip(corners_of).any(|(position, own)| {
-        let [vertices, corners] = counts_at.entry(position.map(f32::to_bits)).or_default();
-        pairs += *vertices;
-        *vertices += 1;
-        *corners += own;
-        pairs > PAIRS_MAX || *corners > CORNERS_MAX
-    })
-}
-
 /// Tangents for every index of a geometry of triangles, from its normals and one of its sets of
 /// texture coordinates as the normal map uses it.
 pub(super) fn generate(
@@ -62,8 +42,7 @@ pub(super) fn generate(
         tangents: vec![[0.0, 0.0, 0.0, 1.0]; geometry.indices.len()],
     };
     // The enum of errors has no variants; should it get one, the clean-up below stands in.
-    let is_crowded = is_crowded(geometry);
-    if is_crowded || bevy_mikktspace::generate_tangents(&mut surface).is_err() {
+    if surface.is_crowded() || bevy_mikktspace::generate_tangents(&mut surface).is_err() {
         job.warn(&format!(
             "{place}: too many vertices or triangles in one place; its tangents are rough"
         ));
@@ -101,6 +80,28 @@ impl TangentSpaceInput<'_> {
     fn is_line(&self, face: usize) -> bool {
         let [a, b, c] = [0, 1, 2].map(|vert| self.position(face, vert));
         a == b || b == c || c == a
+    }
+
+    /// Returns whether tangents would take hours or no stack holds them: welding compares each pair
+    /// of vertices that share a place, and there are more than [`PAIRS_MAX`], or a place has more
+    /// than [`CORNERS_MAX`].
+    fn is_crowded(&self) -> bool {
+        let Geometry { positions, indices, .. } = self.geometry;
+        let mut corners_of = vec![0u64; positions.len()];
+        for face in (0..self.num_faces()).filter(|face| !self.is_line(*face)) {
+            for index in &indices[face * 3..face * 3 + 3] {
+                corners_of[*index as usize] += 1;
+            }
+        }
+        let mut counts_at: HashMap<[u32; 3], [u64; 2]> = HashMap::with_capacity(positions.len());
+        let mut pairs = 0u64;
+        positions.iter().zip(corners_of).any(|(position, own)| {
+            let [vertices, corners] = counts_at.entry(position.map(f32::to_bits)).or_default();
+            pairs += *vertices;
+            *vertices += 1;
+            *corners += own;
+            pairs > PAIRS_MAX || *corners > CORNERS_MAX
+        })
     }
 
     /// Gives the corners of triangles that did not count the tangents that their vertices have

@@ -358,44 +358,46 @@ impl Cluster {
     pub(super) fn stay(&mut self, now: Micros, refused: Revision) {
         self.changes.refused = Some(refused);
         self.retry_temporary_end(now);
-        let shown = self.shown.revision;
         let holders = self.registry.servers().filter(|(_, s)| s.prepared == Some(refused));
-        let holders: Vec<_> = holders.map(|(id, server)| (id, server.channels.clone())).collect();
-        let is_first = !std::mem::replace(&mut self.changes.is_refused_unseen, true);
+        let holders: Vec<_> = holders.map(|(id, _)| id).collect();
         // Drawn once more, it stands before all that comes, on a wall that is paused too.
         self.wants_frame |= !self.pacer.is_soon(now);
-        let mut anew = Vec::new();
-        for (session, channels) in holders {
-            let state = |id: &ChannelId| self.registry.channel(*id).map(|channel| channel.state);
-            let is_live = channels.iter().all(|id| state(id) == Some(ChannelState::Live));
-            if is_live && is_first {
-                if let Some(server) = self.registry.server_mut(session) {
-                    server.prepared = Some(shown);
-                }
-            } else {
-                anew.push(session);
-            }
-        }
+        let anew: Vec<_> = holders.into_iter().filter(|id| !self.goes_on(*id)).collect();
         if !anew.is_empty() {
             self.resynchronise(now, &anew, HOLDS_REFUSED);
         }
     }
 
-    /// Returns whether a server has prepared a change that was refused before. It is live as before
-    /// if it holds the shown state and no other refused one, as in [`Self::stay`]; else it is
-    /// resynchronised.
+    /// Returns whether a server that holds a refused state is live as before, with the shown state:
+    /// if it may have drawn that, and holds no other refused one.
+    fn goes_on(&mut self, session: SessionId) -> bool {
+        let shown = self.shown.revision;
+        let state = |id: &ChannelId| self.registry.channel(*id).map(|channel| channel.state);
+        let is_live = self.registry.server(session).is_some_and(|server| {
+            server.channels.iter().all(|id| state(id) == Some(ChannelState::Live))
+        });
+        if !is_live || !self.changes.refused_unseen.insert(session) {
+            return false;
+        }
+        if let Some(server) = self.registry.server_mut(session) {
+            server.prepared = Some(shown);
+        }
+        true
+    }
+
+    /// Returns whether a server has prepared a change that was refused before, as in
+    /// [`Self::stay`]: if it does not go on with what is shown, it is resynchronised.
     pub(super) fn is_rejected(&mut self, now: Micros, from: SessionId, revision: Revision) -> bool {
         let is_refused = self.changes.is_refused(self.shown.revision, revision)
             && self.changes.digest_of(revision).is_none();
         if !is_refused {
             return false;
         }
-        let state = |id: &ChannelId| self.registry.channel(*id).map(|channel| channel.state);
-        let goes_on = self.registry.server(from).is_some_and(|server| {
-            server.prepared == Some(self.shown.revision)
-                && server.channels.iter().all(|id| state(id) == Some(ChannelState::Live))
-        });
-        if goes_on && !std::mem::replace(&mut self.changes.is_refused_unseen, true) {
+        let holds_shown = self
+            .registry
+            .server(from)
+            .is_some_and(|server| server.prepared == Some(self.shown.revision));
+        if holds_shown && self.goes_on(from) {
             self.wants_frame |= !self.pacer.is_soon(now);
         } else {
             self.resynchronise(now, &[from], HOLDS_REFUSED);

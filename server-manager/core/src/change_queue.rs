@@ -1,6 +1,6 @@
 //! The change of the replicated state that is on its way, and those that wait behind it.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use polyptych_files::blob::BlobHash;
@@ -123,9 +123,10 @@ pub(super) struct ChangeQueue {
     /// work on it.
     #[serde(default)]
     pub(super) refused: Option<Revision>,
-    /// `true` if no frame of the shown state was swapped since a change was refused.
+    /// The servers that hold a refused state, of those that go on with the shown one, of which no
+    /// frame was swapped since.
     #[serde(default)]
-    pub(super) is_refused_unseen: bool,
+    pub(super) refused_unseen: BTreeSet<SessionId>,
 }
 
 /// A change that servers prepare.
@@ -264,7 +265,7 @@ impl ChangeQueue {
 
     /// A frame of the shown state was swapped: servers hold it before all that comes.
     pub fn note_swap(&mut self) {
-        self.is_refused_unseen = false;
+        self.refused_unseen.clear();
     }
 
     /// Takes the tunings out that wait for their turn, and gives who waits for them.

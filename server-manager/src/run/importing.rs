@@ -312,8 +312,10 @@ impl EventLoop {
     pub(super) fn read_session(&self, job: ClientRequest, name: String) {
         let (stores, wall) = (self.stores.clone(), self.options.wall.clone());
         let blobs = BlobStore::new(self.options.baker.store.join("blobs"));
-        let done = self.imported.0.clone();
+        let (done, turns) = (self.imported.0.clone(), Arc::clone(&self.queries.store_turns));
         let work = async move {
+            // Nobody closes it, so there is always a turn. What is baked has turns of its own.
+            let _turn = turns.acquire().await;
             let read = move || {
                 let stored = stores.ok_or(NO_STORE)?.sessions.load(&name)?;
                 let (session, blobs) = stored.read(&name, &wall, &blobs)?;

@@ -15,6 +15,7 @@
 //! Only vertices that are removed are measured. Between vertices, position and texture coordinates
 //! are linear on both surfaces, so that the largest slide nearly is at one; this is not proven.
 
+use foldhash::{HashSet, HashSetExt};
 use glam::{DVec2, DVec3};
 
 use super::patch::by_surface;
@@ -52,10 +53,10 @@ impl VertexList {
         for (surface, own) in by_surface(indices, surface_of) {
             for set in 0..2 {
                 let uv = |index: u32| source.uvs(vertices[index as usize])[set];
-                let length = uv_length(&own, |index| points[index as usize].position, uv);
+                let lengths = UvLengths::new(&own, |index| points[index as usize].position, uv);
                 for (index, point) in (0..).zip(&mut points) {
                     if surface_of(index) == surface {
-                        let place = uv(index) * length;
+                        let place = uv(index) * lengths.at(index);
                         point.looks[set] = if place.is_finite() { place } else { DVec2::ZERO };
                     }
                 }
@@ -139,32 +140,61 @@ pub(super) fn color_length(points: impl Iterator<Item = DVec3>) -> f64 {
 /// the surface have one place each.
 const PALETTE_UNITS: f64 = 1024.0;
 
-/// Returns how long a texture unit is on the surface on average: the root of the area on the
-/// surface by that on the texture; 0 if that has no meaning. Where most of the surface is shown by
-/// single places of the texture, any two of them are as far from each other as can be.
-pub(super) fn uv_length(
-    indices: &[u32],
-    position: impl Fn(u32) -> DVec3,
-    uv: impl Fn(u32) -> DVec2,
-) -> f64 {
-    let bounds = indices.iter().map(|index| position(*index));
-    let bounds = bounds.map(|point| (point, point)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-    let longest = bounds.map_or(0.0, |(min, max)| (max - min).length()) * PALETTE_UNITS;
-    let (mut area, mut texture_area, mut palette_area) = (0.0, 0.0, 0.0);
-    for corners in indices.as_chunks::<3>().0 {
-        let [a, b, c] = corners.map(&position);
-        let own = (b - a).cross(c - a).length();
-        let [a, b, c] = corners.map(&uv);
-        let own_texture = (b - a).perp_dot(c - a).abs();
-        if own > own_texture * longest * longest {
-            palette_area += own;
+/// How long texture units are on a surface.
+#[derive(Debug, Default)]
+pub(super) struct UvLengths {
+    /// On average, where triangles have an area on the texture; 0 if that has no meaning.
+    textured: f64,
+    /// Of vertices whose triangles have one place of the texture each: any two of those are as far
+    /// from each other as can be.
+    palette: f64,
+    palette_vertices: HashSet<u32>,
+}
+
+impl UvLengths {
+    /// The lengths on these triangles: the root of their area on the surface by that on the
+    /// texture.
+    pub fn new(
+        indices: &[u32],
+        position: impl Fn(u32) -> DVec3,
+        uv: impl Fn(u32) -> DVec2,
+    ) -> Self {
+        let Some(first) = indices.first().map(|index| uv(*index)) else { return Self::default() };
+        // Nothing to tell apart, as where there are none.
+        if indices.iter().all(|index| uv(*index) == first) {
+            return Self::default();
         }
-        area += own;
-        texture_area += own_texture;
+        let bounds = indices.iter().map(|index| (position(*index), position(*index)));
+        let bounds = bounds.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+        let palette = bounds.map_or(0.0, |(min, max)| (max - min).length()) * PALETTE_UNITS;
+        let (mut area, mut texture_area) = (0.0, 0.0);
+        let mut lengths = Self { textured: 0.0, palette, palette_vertices: HashSet::new() };
+        let mut textured = Vec::new();
+        for corners in indices.as_chunks::<3>().0 {
+            let [a, b, c] = corners.map(&position);
+            let own = (b - a).cross(c - a).length();
+            let [a, b, c] = corners.map(&uv);
+            let own_texture = (b - a).perp_dot(c - a).abs();
+            if own > own_texture * palette * palette {
+                lengths.palette_vertices.extend(corners);
+            } else {
+                textured.push(corners);
+                area += own;
+                texture_area += own_texture;
+            }
+        }
+        if !lengths.palette_vertices.is_empty() {
+            for corner in textured.into_iter().flatten() {
+                lengths.palette_vertices.remove(corner);
+            }
+        }
+        let length = (area / texture_area).sqrt();
+        lengths.textured = if length.is_finite() { length } else { 0.0 };
+        lengths
     }
-    if 2.0 * palette_area > area {
-        return longest;
+
+    /// The length of a texture unit at a vertex.
+    pub fn at(&self, index: u32) -> f64 {
+        if self.palette_vertices.contains(&index) { self.palette } else { self.textured }
     }
-    let length = (area / texture_area).sqrt();
-    if length.is_finite() { length } else { 0.0 }
 }

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use foldhash::{HashMap, HashMapExt, HashSet};
 use glam::{DVec2, DVec3};
 
-use super::appearance::uv_length;
+use super::appearance::UvLengths;
 use super::chart;
 use super::contraction::{Goal, contract};
 use super::patch::Patch;
@@ -256,7 +256,7 @@ struct Corners<'a> {
     source: &'a Source<'a>,
     reach: f64,
     /// The lengths of texture units on each surface.
-    lengths: BTreeMap<u32, [f64; 2]>,
+    lengths: BTreeMap<u32, [UvLengths; 2]>,
     charts: chart::UvBoxes,
     /// The vertices of the triangles by place and surface.
     at_place: HashMap<(u32, u32), Vec<u32>>,
@@ -268,10 +268,11 @@ impl<'a> Corners<'a> {
     fn new(source: &'a Source<'a>, triangles: &[u32], reach: f64) -> Self {
         let surfaces = super::patch::by_surface(triangles, |vertex| source.surface_of(vertex));
         let lengths = surfaces.iter().map(|(surface, own)| {
-            let length = |set: usize| {
-                uv_length(own, |vertex| source.position(vertex), |vertex| source.uvs(vertex)[set])
+            let lengths = |set: usize| {
+                let uv = |vertex| source.uvs(vertex)[set];
+                UvLengths::new(own, |vertex| source.position(vertex), uv)
             };
-            (*surface, [length(0), length(1)])
+            (*surface, [0, 1].map(lengths))
         });
         let mut at_place: HashMap<(u32, u32), Vec<u32>> = HashMap::new();
         for &vertex in triangles {
@@ -306,7 +307,8 @@ impl<'a> Corners<'a> {
         }
         let surface = source.surface_of(corner);
         let uvs = self.charts.clamp(corner, self.uvs_at(triangle, corner, place));
-        let lengths = self.lengths.get(&surface).copied().unwrap_or_default();
+        let lengths = self.lengths.get(&surface);
+        let lengths = lengths.map_or([0.0; 2], |of| of.each_ref().map(|of| of.at(corner)));
         let is_near = |other: [DVec2; 2]| {
             let slide = [0, 1].map(|set| (uvs[set] - other[set]).length() * lengths[set]);
             slide[0].max(slide[1]) <= self.reach * SLIDE_MAX

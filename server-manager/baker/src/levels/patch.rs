@@ -256,7 +256,9 @@ impl<'a> Patch<'a> {
     }
 
     /// Gives what the simplifier keeps beside positions, and the weight of each number of a vertex.
-    /// Weights are shares of the patch's longest side.
+    /// Weights are shares of the patch's longest side. Texture coordinates count from those of a
+    /// vertex of the same surface: the simplifier squares them in f32, which leaves nothing of small
+    /// differences far from 0.
     fn attributes(&self) -> (Vec<f32>, Vec<f32>) {
         let side = self.side();
         let layouts = || self.source.surfaces().iter().map(|surface| surface.layout);
@@ -266,10 +268,13 @@ impl<'a> Patch<'a> {
         weights.extend(sets.iter().filter(|is| **is).flat_map(|_| [1.0; 2]));
         weights.extend(has_color.then_some([COLOR_WEIGHT; 4]).into_iter().flatten());
         let mut attributes = Vec::with_capacity(self.vertices.len() * weights.len());
+        let mut firsts = BTreeMap::new();
         for (&vertex, point) in self.vertices.iter().zip(self.looks.points()) {
             attributes.extend(self.source.normal(vertex).as_vec3().to_array());
-            for (uv, _) in point.looks.iter().zip(sets).filter(|(_, is)| *is) {
-                let uv = (*uv / side).as_vec2();
+            let first = *firsts.entry(self.source.surface_of(vertex)).or_insert(point.looks);
+            let looks = point.looks.iter().zip(first).zip(sets);
+            for ((uv, first), _) in looks.filter(|(_, is)| *is) {
+                let uv = ((*uv - first) / side).as_vec2();
                 attributes.extend(if uv.is_finite() { uv.to_array() } else { [0.0; 2] });
             }
             let color = has_color.then(|| self.source.color(vertex)).into_iter().flatten();

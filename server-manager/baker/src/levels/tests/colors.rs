@@ -6,6 +6,7 @@ use glam::{DVec2, DVec3};
 use polyptych_scene::VertexLayout;
 
 use super::shapes::Shape;
+use crate::levels::appearance::UvLengths;
 use crate::levels::{Levels, Surface, build};
 
 const LAYOUT: VertexLayout = VertexLayout { tangent: false, uv0: false, uv1: false, color: true };
@@ -107,4 +108,53 @@ fn tiles_of_a_palette_keep_their_colours() {
         assert_eq!(triangles.iter().filter(is_mixed).count(), 0, "{limit} m");
         assert!(triangles.len() > 500, "{} triangles at {limit} m", triangles.len());
     }
+}
+
+/// A surface of one colour has the levels that it has without a texture.
+#[test]
+fn one_place_of_a_texture_costs_no_detail() {
+    let ball = |uv: DVec2| {
+        let mut ball = Shape::new("ball");
+        for row in 0..=40_u32 {
+            for column in 0..=40_u32 {
+                let [around, up] = [column, row].map(|at| f64::from(at) / 40.0);
+                let (sin, cos) = (around * std::f64::consts::TAU).sin_cos();
+                let (high, wide) = ((up - 0.5) * std::f64::consts::PI).sin_cos();
+                ball.vertex(DVec3::new(cos * wide, sin * wide, high), uv);
+            }
+        }
+        for at in (0..40 * 40).map(|cell| cell / 40 * 41 + cell % 40) {
+            ball.indices.extend([at, at + 1, at + 41, at + 1, at + 42, at + 41]);
+        }
+        // A tile of another colour, far away, so that it is no texture of one place.
+        let tile = [[9.0, 0.0], [9.1, 0.0], [9.0, 0.1]]
+            .map(|[x, y]| ball.vertex(DVec3::new(x, y, 0.0), uv + DVec2::new(0.25, 0.0)));
+        ball.indices.extend(tile);
+        let levels = build(&[ball.surface()], &AtomicBool::new(false)).expect("not cancelled");
+        levels.into_iter().next().flatten().expect("levels")
+    };
+    let [at_zero, elsewhere] = [DVec2::ZERO, DVec2::new(0.71, 0.33)].map(ball);
+    for limit in [0.001, 0.01, 0.05] {
+        let [one, other] = [&at_zero, &elsewhere].map(|levels| drawn(levels, limit).len());
+        assert!(one.abs_diff(other) * 20 < one, "{one} and {other} corners at {limit} m");
+        assert!(other < 2 * 41 * 41 * 3, "{other}");
+    }
+}
+
+/// Where a part of a surface has the colours of a palette, and another one a texture, each has the
+/// length of its own.
+#[test]
+fn a_texture_beside_a_palette_has_its_own_length() {
+    let positions = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [5.0, 0.0], [9.0, 0.0], [5.0, 4.0]];
+    let uvs = [[0.0, 0.0], [0.5, 0.0], [0.0, 0.5], [0.9, 0.9], [0.9, 0.9], [0.9, 0.9]];
+    let at = |of: [[f64; 2]; 6], index: u32| DVec2::from(of[index as usize]);
+    let lengths = |indices: &[u32]| {
+        UvLengths::new(indices, |of| at(positions, of).extend(0.0), |of| at(uvs, of))
+    };
+    let both = lengths(&[0, 1, 2, 3, 4, 5]);
+    assert_eq!((both.at(0), both.at(2)), (2.0, 2.0));
+    assert!(both.at(3) > 1000.0 && both.at(5) == both.at(3));
+    let shared = lengths(&[0, 1, 2, 3, 4, 5, 0, 1, 3]);
+    assert!(shared.at(3) == shared.at(0) && shared.at(4) > 1000.0);
+    assert_eq!(lengths(&[3, 4, 5]).at(3), 0.0, "nothing to tell apart");
 }
