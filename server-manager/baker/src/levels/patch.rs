@@ -257,7 +257,7 @@ impl<'a> Patch<'a> {
 
     /// Gives what the simplifier keeps beside positions, and the weight of each number of a vertex.
     /// Weights are shares of the patch's longest side. Texture coordinates count from those of a
-    /// vertex of the same surface: the simplifier squares them in f32, which leaves nothing of small
+    /// vertex of the same surface: the simplifier squares them in f32, which leaves little of small
     /// differences far from 0.
     fn attributes(&self) -> (Vec<f32>, Vec<f32>) {
         let side = self.side();
