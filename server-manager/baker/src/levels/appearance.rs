@@ -140,10 +140,16 @@ pub(super) fn color_length(points: impl Iterator<Item = DVec3>) -> f64 {
 /// the surface have one place each.
 const PALETTE_UNITS: f64 = 1024.0;
 
+/// Triangles with more than so many times the area on the texture by that on the surface of the
+/// middle one do not count for the average: one stray texture coordinate would make the units of
+/// all others short, and the slides of textures with them.
+const STRAY_DENSITY: f64 = 16.0;
+
 /// How long texture units are on a surface.
 #[derive(Debug, Default)]
 pub(super) struct UvLengths {
-    /// On average, where triangles have an area on the texture; 0 if that has no meaning.
+    /// On average, where triangles have an area on the texture, but for strays; 0 if that has no
+    /// meaning.
     textured: f64,
     /// Of vertices whose triangles have one place of the texture each: any two of those are as far
     /// from each other as can be.
@@ -153,7 +159,7 @@ pub(super) struct UvLengths {
 
 impl UvLengths {
     /// The lengths on these triangles: the root of their area on the surface by that on the
-    /// texture.
+    /// texture. See [`STRAY_DENSITY`] for those that are left out.
     pub fn new(
         indices: &[u32],
         position: impl Fn(u32) -> DVec3,
@@ -167,9 +173,8 @@ impl UvLengths {
         let bounds = indices.iter().map(|index| (position(*index), position(*index)));
         let bounds = bounds.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
         let palette = bounds.map_or(0.0, |(min, max)| (max - min).length()) * PALETTE_UNITS;
-        let (mut area, mut texture_area) = (0.0, 0.0);
         let mut lengths = Self { textured: 0.0, palette, palette_vertices: HashSet::new() };
-        let mut textured = Vec::new();
+        let (mut textured, mut areas) = (Vec::new(), Vec::new());
         for corners in indices.as_chunks::<3>().0 {
             let [a, b, c] = corners.map(&position);
             let own = (b - a).cross(c - a).length();
@@ -179,13 +184,20 @@ impl UvLengths {
                 lengths.palette_vertices.extend(corners);
             } else {
                 textured.push(corners);
-                area += own;
-                texture_area += own_texture;
+                areas.push([own, own_texture]);
             }
         }
         if !lengths.palette_vertices.is_empty() {
             for corner in textured.into_iter().flatten() {
                 lengths.palette_vertices.remove(corner);
+            }
+        }
+        let densest = middle_density(&areas) * STRAY_DENSITY;
+        let (mut area, mut texture_area) = (0.0, 0.0);
+        for [own, own_texture] in areas {
+            if own_texture <= own * densest {
+                area += own;
+                texture_area += own_texture;
             }
         }
         let length = (area / texture_area).sqrt();
@@ -197,4 +209,19 @@ impl UvLengths {
     pub fn at(&self, index: u32) -> f64 {
         if self.palette_vertices.contains(&index) { self.palette } else { self.textured }
     }
+}
+
+/// Returns the area on the texture by that on the surface that is the median of triangles, by their
+/// areas on the surface; each has both. Infinite without a surface.
+fn middle_density(areas: &[[f64; 2]]) -> f64 {
+    let areas = areas.iter().filter(|[own, _]| *own > 0.0);
+    let mut by_density: Vec<[f64; 2]> = areas.map(|[own, of]| [of / own, *own]).collect();
+    by_density.sort_unstable_by(|one, two| one[0].total_cmp(&two[0]));
+    let half = by_density.iter().map(|[_, own]| own).sum::<f64>() / 2.0;
+    let mut sum = 0.0;
+    let middle = by_density.iter().find(|[_, own]| {
+        sum += own;
+        sum >= half
+    });
+    middle.map_or(f64::INFINITY, |[density, _]| *density)
 }

@@ -158,3 +158,23 @@ fn a_texture_beside_a_palette_has_its_own_length() {
     assert!(shared.at(3) == shared.at(0) && shared.at(4) > 1000.0);
     assert_eq!(lengths(&[3, 4, 5]).at(3), 0.0, "nothing to tell apart");
 }
+
+/// One coordinate that is far off says nothing about the units of all other vertices.
+#[test]
+fn a_stray_coordinate_leaves_the_units_of_others_as_they_are() {
+    let side = 40_u32;
+    let at = |index: u32| DVec2::new(f64::from(index % side), f64::from(index / side));
+    let cells = (0..(side - 1) * (side - 1)).map(|at| at / (side - 1) * side + at % (side - 1));
+    let corners = cells.flat_map(|at| [at, at + 1, at + side, at + 1, at + side + 1, at + side]);
+    let corners: Vec<u32> = corners.collect();
+    let length = |stray: DVec2| {
+        let uv = |index: u32| if index == 777 { stray } else { at(index) / 39.0 };
+        UvLengths::new(&corners, |index| at(index).extend(0.0), uv).at(0)
+    };
+    let plain = length(at(777) / 39.0);
+    assert!((plain - 39.0).abs() < 1e-6, "{plain}");
+    for stray in [DVec2::new(1e6, 0.3), DVec2::new(-7.0, 1e30), DVec2::splat(30.0)] {
+        let length = length(stray);
+        assert!((length - plain).abs() < 0.02 * plain, "{length} with {stray}");
+    }
+}
