@@ -32,7 +32,7 @@ pub(super) fn scales(nodes: &[Node], world: &[DAffine3]) -> BTreeMap<u32, f64> {
 ///
 /// The square of the largest singular value is the largest eigenvalue of MᵀM, which no sum of the
 /// sizes of a row is below (Gershgorin, 1931).
-fn stretch(matrix: DMat3) -> f64 {
+pub(super) fn stretch(matrix: DMat3) -> f64 {
     // The largest element is taken out, so that squares stay in range.
     let largest = matrix.to_cols_array().into_iter().fold(0.0, |m: f64, e| m.max(e.abs()));
     if largest == 0.0 || !largest.is_finite() {

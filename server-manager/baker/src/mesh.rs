@@ -222,6 +222,16 @@ impl<'a> PrimitiveShape<'a> {
             None => Self::Still(uses.pose(used, primitive).map(|(_, pose)| pose)),
         }
     }
+
+    /// The most units of the mesh's node that one unit of a primitive's positions is drawn as at
+    /// rest: those of a quantised mesh become metres only by its joints.
+    fn stretch(&self, primitive: &document::Primitive) -> f64 {
+        match self {
+            // Its positions are read as the pose has put them.
+            Self::Still(_) => 1.0,
+            Self::Bent(_, pose) => pose.stretch(primitive),
+        }
+    }
 }
 
 /// Reads one primitive in pieces.
@@ -250,6 +260,7 @@ fn read(
         }
     };
     job.check()?;
+    let scale = scale * shape.stretch(json);
     let arity = topology::arity(geometry.topology);
     let pieces = split::split(&geometry.positions, &geometry.indices, arity, scale, job.cancel)?;
     let mut reader = PieceReader {

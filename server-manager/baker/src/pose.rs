@@ -15,6 +15,7 @@ use polyptych_scene::deformation::Influence;
 
 use super::BakeJob;
 use super::accessor::Accessor;
+use super::bounds::stretch;
 use super::document::{self, Primitive};
 use super::error::BakeError;
 use super::node::Tree;
@@ -151,6 +152,16 @@ pub(super) struct Vertices<'a> {
 }
 
 impl Pose {
+    /// Returns the most that it lengthens any line of a primitive by its skin, or a little more.
+    pub(super) fn stretch(&self, json: &Primitive) -> f64 {
+        if self.joints.is_empty() {
+            return 1.0;
+        }
+        let rigid = std::slice::from_ref(&self.rigid);
+        let matrices = if has_joints(json) { &self.joints[..] } else { rigid };
+        matrices.iter().map(|matrix| stretch(matrix.matrix3)).fold(0.0, f64::max)
+    }
+
     /// Moves vertices to where they stand at rest, in f64, rounded once. Gives which of them were
     /// mirrored: triangles of such must be turned, or they would show their backs.
     pub(super) fn apply(

@@ -2,10 +2,10 @@
 //! reach only the pieces that are near them; and so that each piece can be stored.
 //!
 //! Pieces come from median splits of the elements' centroids along the longest axis. Every
-//! primitive that is too large *as its nodes scale it* is split, wherever it stands: the wall's
-//! camera may go anywhere. Accuracy does not ask for it: the vertices stay as they are, and the
-//! renderer measures them from the point of the mesh that is nearest to the eye. Levels of detail
-//! do not part pieces: all those of a mesh are simplified together.
+//! primitive that is too large *as its nodes and joints scale it* is split, wherever it stands: the
+//! wall's camera may go anywhere. Accuracy does not ask for it: the vertices stay as they are, and
+//! the renderer measures them from the point of the mesh that is nearest to the eye. Levels of
+//! detail do not part pieces: all those of a mesh are simplified together.
 
 use std::collections::VecDeque;
 use std::ops::Range;

@@ -454,3 +454,41 @@ fn broken_skins_and_targets_are_refused_with_their_path() {
     };
     refused(&target, &["targets[0].POSITION", "6 elements", "POSITION 4"]);
 }
+
+/// The pieces of a square with so many units a side, which its joint scales by this.
+fn pieces_of_square(units: f32, scale: f32) -> usize {
+    let side = 60_u32;
+    let mut builder = Builder::empty();
+    let at = |i: u32| [i % (side + 1), 0, i / (side + 1)].map(|at| at as f32 * units / side as f32);
+    let count = ((side + 1) * (side + 1)) as usize;
+    let positions: Vec<f32> = (0..count as u32).flat_map(at).collect();
+    let positions = builder.floats("VEC3", &positions);
+    let normals = builder.floats("VEC3", &[0.0, 1.0, 0.0].repeat(count));
+    let joints = builder.accessor("VEC4", 5121, count, &vec![0; 4 * count], None);
+    let weights = builder.floats("VEC4", &[1.0, 0.0, 0.0, 0.0].repeat(count));
+    let quad = |i: u32| {
+        let at = i / side * (side + 1) + i % side;
+        [at, at + side + 1, at + 1, at + 1, at + side + 1, at + side + 2]
+    };
+    let indices = builder.indices(&(0..side * side).flat_map(quad).collect::<Vec<u32>>());
+    let attributes = json!({ "POSITION": positions, "NORMAL": normals, "JOINTS_0": joints,
+        "WEIGHTS_0": weights });
+    builder.mesh(&json!({ "attributes": attributes, "indices": indices }));
+    let mut columns = [0.0_f32; 16];
+    (columns[0], columns[5], columns[10], columns[15]) = (scale, scale, scale, 1.0);
+    let bytes: Vec<u8> = columns.iter().flat_map(|value| value.to_le_bytes()).collect();
+    let matrices = builder.accessor("MAT4", 5126, 1, &bytes, None);
+    builder.json["nodes"] = json!([{ "mesh": 0, "skin": 0 }, {}]);
+    builder.json["scenes"] = json!([{ "nodes": [0, 1] }]);
+    builder.json["skins"] = json!([{ "joints": [1], "inverseBindMatrices": matrices }]);
+    let (_place, _, scene) = bake_builder(&builder);
+    assert_eq!(scene.deformations.len(), 1, "edits bend it");
+    scene.meshes[0].primitives.len()
+}
+
+#[test]
+fn bent_meshes_are_split_by_the_metres_that_joints_make_of_their_units() {
+    assert_eq!(pieces_of_square(2000.0, 1.0), 4, "2 km with 7,200 triangles");
+    assert_eq!(pieces_of_square(1.0, 2000.0), 4, "the same, quantised");
+    assert_eq!(pieces_of_square(2000.0, 0.001), 1, "2 m in millimetres");
+}
