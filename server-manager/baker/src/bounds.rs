@@ -7,6 +7,7 @@ use polyptych_scene::{Bounds, Instance, Mesh, Node, Primitive, Scene, Topology};
 
 use super::backgrounds::{BackgroundSearch, DrawnBox, Overview};
 use super::error::BakeError;
+use super::uri;
 
 /// Farthest that a scene reaches, in world units: lengths in it, which are roots of sums of
 /// squares, stay finite, and so do a camera's that sees all of it.
@@ -45,14 +46,16 @@ pub(super) fn stretch(matrix: DMat3) -> f64 {
 }
 
 /// Returns the box that an overview shows: around everything drawn but the backgrounds.
-pub(super) fn overview(scene: &Scene) -> Result<Overview, BakeError> {
+/// `file_nodes` are the numbers in the file of the scene's nodes.
+pub(super) fn overview(scene: &Scene, file_nodes: &[u32]) -> Result<Overview, BakeError> {
     let mut search = BackgroundSearch::default();
     let whole: Vec<_> = scene.meshes.iter().map(whole).collect();
-    for ((node, of), world) in (0..).zip(&scene.nodes).zip(scene.world_from_nodes()) {
+    let nodes = (0..).zip(&scene.nodes).zip(file_nodes);
+    for (((node, of), number), world) in nodes.zip(scene.world_from_nodes()) {
+        let place = || format!("nodes[{number}] '{}'", uri::shorten(&of.name));
         if !world.is_finite() {
-            let place = format!("nodes '{}'", of.name);
             let right = "smaller numbers would be right";
-            return Err(BakeError::at(place, "its world transform overflows", right));
+            return Err(BakeError::at(place(), "its world transform overflows", right));
         }
         let Some(mesh) = of.mesh.map(|mesh| mesh as usize) else { continue };
         let mut add = |drawn: DrawnBox| {
@@ -62,9 +65,8 @@ pub(super) fn overview(scene: &Scene) -> Result<Overview, BakeError> {
             }
             let farthest = min.abs().max(max.abs()).max_element();
             if farthest > COORDINATE_MAX {
-                let place = format!("nodes '{}'", of.name);
                 let what = format!("its mesh reaches as far as {farthest:.0e} units");
-                return Err(BakeError::at(place, what, "smaller numbers would be right"));
+                return Err(BakeError::at(place(), what, "smaller numbers would be right"));
             }
             search.add(drawn);
             Ok(())

@@ -342,7 +342,7 @@ impl BakeJob<'_> {
     fn scene(&mut self, name: String, edits_bend: bool) -> Result<Scene, BakeError> {
         self.note_what_is_left_out();
         let clips = Arc::clone(&self.clips);
-        let node::Placed { nodes, meshes, extras, place_of, hidden_with } =
+        let node::Placed { nodes, file_nodes, meshes, extras, place_of, hidden_with } =
             node::read(self, &clips, edits_bend)?;
         let extras = extras.into_list(self);
         let mut scene = Scene { name, nodes, sky: SKY_DEFAULT, extras, ..Scene::default() };
@@ -389,7 +389,7 @@ impl BakeJob<'_> {
         scene.animations = animations;
         scene.deformations = meshes.deformations(&mesh_of, &animated, &scene.meshes);
 
-        let overview = bounds::overview(&scene)?;
+        let overview = bounds::overview(&scene, &file_nodes)?;
         scene.bounds = overview.bounds;
         if let Some(note) = overview.note(&scene.nodes) {
             self.warn(&note);

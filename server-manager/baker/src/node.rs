@@ -26,6 +26,8 @@ const AFFINE_TOLERANCE: f64 = 1e-5;
 pub(super) struct Placed {
     /// Their meshes are indices into [`Meshes::uses`], their lights the file's own.
     pub nodes: Vec<Node>,
+    /// The node of the file that each of `nodes` comes from.
+    pub file_nodes: Vec<u32>,
     pub meshes: Meshes,
     pub extras: ExtrasList,
     /// The place among `nodes` of each node of the file that is there.
@@ -95,6 +97,7 @@ pub(super) fn read(
         }
         placed.place_of[index as usize] = Some(place);
         placed.nodes.push(made);
+        placed.file_nodes.push(index);
         let children = node.children.iter().rev();
         stack.extend(children.map(|&child| (child, Some(place), is_hidden)));
     }
@@ -138,6 +141,7 @@ impl Placed {
             }
         }
         self.nodes.push(Node { name, parent, local, mesh: Some(used), ..Node::default() });
+        self.file_nodes.push(one.node);
         Ok(())
     }
 }

@@ -66,7 +66,16 @@ fn scenes_beyond_all_measure() {
     let scaled = |scale: f64| {
         move |builder: &mut Builder| builder.json["nodes"][0]["scale"] = json!([scale, scale, 1])
     };
-    refused(scaled(1e300), &["nodes", "reaches as far as", "smaller numbers"]);
+    refused(scaled(1e300), &["nodes[0] ''", "reaches as far as", "smaller numbers"]);
+    let nested = |builder: &mut Builder| {
+        let scale = json!([1e300, 1e300, 1e300]);
+        let name = "n".repeat(999);
+        builder.json["nodes"] = json!([
+            { "scale": scale.clone(), "children": [1] },
+            { "scale": scale, "mesh": 0, "name": name },
+        ]);
+    };
+    refused(nested, &["nodes[1] 'nnn", "world transform overflows", "smaller numbers"]);
     let place = BakeFixture::new();
     let mut builder = Builder::quad();
     scaled(1e30)(&mut builder);
