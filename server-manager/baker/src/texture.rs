@@ -123,7 +123,8 @@ pub(super) fn write_all(job: &mut BakeJob<'_>, uses: &[TextureUse]) -> Result<Te
             note_no_image(job, used.texture, json);
         }
         let has_mips = sampler.mip != MipFilter::None;
-        let made = write(job, &images, (used.content, has_mips), (&mut stored, &mut budget))?;
+        let made = write(job, &images, (used.content, has_mips), (&mut stored, &mut budget))
+            .map_err(|error| error.within(&place))?;
         if made.is_placeholder {
             textures.placeholders.insert(i as u32);
         }
