@@ -38,6 +38,10 @@ const SPLIT_FACTOR: f32 = 2.0;
 /// enough that a view needs few levels of other parts.
 const GROUP_MESHLETS: usize = 16;
 
+/// Triangles around a vertex beyond which it counts as several while meshlets are cut: for each
+/// triangle that joins a meshlet, all those left around its vertices are looked through.
+const HUB_TRIANGLES: u32 = 1024;
+
 /// Triangles of a finest level that all coarser ones are measured against.
 const SMALL_TRIANGLES: usize = 4096;
 
@@ -351,7 +355,8 @@ fn cut_surface(source: &Source<'_>, triangles: &[u32]) -> Vec<Vec<u32>> {
     vertices.sort_unstable();
     vertices.dedup();
     let number = |vertex: &u32| vertices.partition_point(|known| known < vertex) as u32;
-    let local: Vec<u32> = triangles.iter().map(number).collect();
+    let mut local: Vec<u32> = triangles.iter().map(number).collect();
+    part_hubs(&mut local, &mut vertices);
     let positions: Vec<[f32; 3]> =
         vertices.iter().map(|vertex| source.scaled[*vertex as usize]).collect();
     let Some(positions) = adapter(&positions) else {
@@ -374,4 +379,49 @@ fn cut_surface(source: &Source<'_>, triangles: &[u32]) -> Vec<Vec<u32>> {
         ordered.into_iter().map(vertex).collect()
     };
     meshlets.iter().map(run).collect()
+}
+
+/// Gives a vertex another number for each [`HUB_TRIANGLES`] corners of triangles that it is.
+/// `vertices` has the vertex of each number.
+fn part_hubs(corners: &mut [u32], vertices: &mut Vec<u32>) {
+    let mut number_of: Vec<u32> = (0..vertices.len() as u32).collect();
+    let mut counts = vec![0_u32; vertices.len()];
+    for corner in corners {
+        let first = *corner as usize;
+        if counts[first] == HUB_TRIANGLES {
+            let vertex = vertices[first];
+            number_of[first] = vertices.len() as u32;
+            counts[first] = 0;
+            vertices.push(vertex);
+        }
+        counts[first] += 1;
+        *corner = number_of[first];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_vertex_has_more_triangles_than_can_be_looked_through() {
+        // A fan around vertex 70, whose rim has the other numbers from 7 on.
+        let count = 5000;
+        let mut vertices: Vec<u32> = (0..=count).map(|at| at + 7).collect();
+        let fan = (0..count).flat_map(|at| [63, at, at + 1]);
+        let mut corners: Vec<u32> = fan.collect();
+        let of = |corners: &[u32], vertices: &[u32]| -> Vec<u32> {
+            corners.iter().map(|at| vertices[*at as usize]).collect()
+        };
+        let before = of(&corners, &vertices);
+        part_hubs(&mut corners, &mut vertices);
+        assert_eq!(of(&corners, &vertices), before);
+        let mut counts = vec![0; vertices.len()];
+        corners.iter().for_each(|at| counts[*at as usize] += 1);
+        assert!(counts.iter().all(|count| *count <= HUB_TRIANGLES));
+        assert_eq!(vertices.len() as u32, count + 1 + 4, "five numbers for one vertex");
+        let known = vertices.clone();
+        part_hubs(&mut [0, 1, 2, 0, 2, 3], &mut vertices);
+        assert_eq!(vertices, known, "others keep their one number");
+    }
 }
