@@ -44,16 +44,29 @@ pub(super) struct Change {
 
 impl VertexList {
     /// These vertices of a source. Units of textures and colours are as long as they are on average
-    /// on the triangles `indices` of each surface, which number the list.
-    pub fn new(source: &Source<'_>, vertices: &[u32], indices: &[u32]) -> Self {
+    /// on the triangles `indices` of each surface, which number the list. `simplified` are those
+    /// that are simplified, whose vertices may be others.
+    pub fn new(
+        source: &Source<'_>,
+        vertices: &[u32],
+        (indices, simplified): (&[u32], &[u32]),
+    ) -> Self {
         let positions = vertices.iter().map(|vertex| source.position(*vertex));
         let point = |position| SurfacePoint { position, ..SurfacePoint::default() };
         let mut points: Vec<SurfacePoint> = positions.map(point).collect();
         let surface_of = |index: u32| source.surface_of(vertices[index as usize]);
+        let mut is_measured = vec![false; vertices.len()];
+        indices.iter().for_each(|index| is_measured[*index as usize] = true);
+        let is_other = |index: u32| !is_measured[index as usize];
+        let simplified = by_surface(simplified, surface_of);
         for (surface, own) in by_surface(indices, surface_of) {
             for set in 0..2 {
                 let uv = |index: u32| source.uvs(vertices[index as usize])[set];
-                let lengths = UvLengths::new(&own, |index| points[index as usize].position, uv);
+                let position = |index: u32| points[index as usize].position;
+                let mut lengths = UvLengths::new(&own, position, uv);
+                if let Some(simplified) = simplified.get(&surface) {
+                    lengths.add(simplified, is_other, position, uv);
+                }
                 for (index, point) in (0..).zip(&mut points) {
                     if surface_of(index) == surface {
                         let place = uv(index) * lengths.at(index);
@@ -174,24 +187,7 @@ impl UvLengths {
         let bounds = bounds.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
         let palette = bounds.map_or(0.0, |(min, max)| (max - min).length()) * PALETTE_UNITS;
         let mut lengths = Self { textured: 0.0, palette, palette_vertices: HashSet::new() };
-        let (mut textured, mut areas) = (Vec::new(), Vec::new());
-        for corners in indices.as_chunks::<3>().0 {
-            let [a, b, c] = corners.map(&position);
-            let own = (b - a).cross(c - a).length();
-            let [a, b, c] = corners.map(&uv);
-            let own_texture = (b - a).perp_dot(c - a).abs();
-            if own > own_texture * palette * palette {
-                lengths.palette_vertices.extend(corners);
-            } else {
-                textured.push(corners);
-                areas.push([own, own_texture]);
-            }
-        }
-        if !lengths.palette_vertices.is_empty() {
-            for corner in textured.into_iter().flatten() {
-                lengths.palette_vertices.remove(corner);
-            }
-        }
+        let areas = lengths.add(indices, |_| true, position, uv);
         let densest = middle_density(&areas) * STRAY_DENSITY;
         let (mut area, mut texture_area) = (0.0, 0.0);
         for [own, own_texture] in areas {
@@ -203,6 +199,36 @@ impl UvLengths {
         let length = (area / texture_area).sqrt();
         lengths.textured = if length.is_finite() { length } else { 0.0 };
         lengths
+    }
+
+    /// Adds the vertices of triangles for which `is_new` holds. Gives the areas of each triangle
+    /// that is textured, on the surface and on the texture; one without either is not drawn.
+    pub fn add(
+        &mut self,
+        indices: &[u32],
+        is_new: impl Fn(u32) -> bool,
+        position: impl Fn(u32) -> DVec3,
+        uv: impl Fn(u32) -> DVec2,
+    ) -> Vec<[f64; 2]> {
+        let (mut textured, mut areas) = (Vec::new(), Vec::new());
+        for corners in indices.as_chunks::<3>().0 {
+            let [a, b, c] = corners.map(&position);
+            let own = (b - a).cross(c - a).length();
+            let [a, b, c] = corners.map(&uv);
+            let own_texture = (b - a).perp_dot(c - a).abs();
+            if own > own_texture * self.palette * self.palette {
+                self.palette_vertices.extend(corners.iter().filter(|at| is_new(**at)));
+            } else if own_texture > 0.0 {
+                textured.push(corners);
+                areas.push([own, own_texture]);
+            }
+        }
+        if !self.palette_vertices.is_empty() {
+            for corner in textured.into_iter().flatten().filter(|at| is_new(**at)) {
+                self.palette_vertices.remove(corner);
+            }
+        }
+        areas
     }
 
     /// The length of a texture unit at a vertex.

@@ -113,13 +113,13 @@ impl<'a> Patch<'a> {
         vertices.dedup();
         let local = |vertex: &u32| vertices.partition_point(|known| known < vertex) as u32;
         let indices: Vec<u32> = measured.iter().map(local).collect();
-        let current = triangles.iter().map(local).collect();
+        let current: Vec<u32> = triangles.iter().map(local).collect();
         let mut first_at = HashMap::new();
         let weld = |(local, vertex): (u32, &u32)| {
             *first_at.entry(source.welded[*vertex as usize]).or_insert(local)
         };
         let welded = (0..).zip(&vertices).map(weld).collect();
-        let looks = VertexList::new(source, &vertices, &indices);
+        let looks = VertexList::new(source, &vertices, (&indices, &current));
         let places = Vec::clone(&welded);
         let reference = OnceCell::new();
         Self { source, vertices, indices, current, welded, places, looks, reference }

@@ -178,3 +178,17 @@ fn a_stray_coordinate_leaves_the_units_of_others_as_they_are() {
         assert!((length - plain).abs() < 0.02 * plain, "{length} with {stray}");
     }
 }
+
+/// Vertices that only a coarser level has are of a palette as those of the finest one, whatever
+/// triangles without an area lie beside.
+#[test]
+fn vertices_that_are_added_to_a_palette_have_its_length() {
+    let positions = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [2.0, 0.0], [5.0, 0.0], [9.0, 0.0]];
+    let positions = [&positions[..], &[[5.0, 4.0], [5.0, 0.0], [9.0, 0.0], [0.0, 1.0]]].concat();
+    let position = |index: u32| DVec2::from(positions[index as usize]).extend(0.0);
+    let uv = |index: u32| DVec2::splat(if index < 4 { 0.1 } else { 0.9 });
+    let mut lengths = UvLengths::new(&[0, 1, 2, 0, 1, 3, 4, 5, 6], position, uv);
+    assert!(lengths.at(0) > 1000.0 && lengths.at(1) == lengths.at(4), "a line beside it");
+    lengths.add(&[7, 8, 9, 4, 5, 6], |index| index > 6, position, uv);
+    assert_eq!([7, 8, 9].map(|index| lengths.at(index)), [lengths.at(4); 3]);
+}
