@@ -86,7 +86,9 @@ impl VertexList {
                 }
             }
         }
-        Self { points, normals: vertices.iter().map(|vertex| source.normal(*vertex)).collect() }
+        // Those of a file may be a thousandth too long or too short, which looks like 2.5 degrees.
+        let normal = |vertex: &u32| source.normal(*vertex).normalize_or_zero();
+        Self { points, normals: vertices.iter().map(normal).collect() }
     }
 
     /// Returns its vertices' places in space and on the textures.

@@ -123,3 +123,23 @@ fn flat_sheets_cost_no_error() {
     let (triangles, error) = free.last().expect("the finest level");
     assert!(**triangles <= 8 && **error > 0.0, "{:?}", levels.facts);
 }
+
+#[test]
+fn normals_that_are_nearly_of_unit_length_turn_by_no_angle() {
+    for length in [0.9992, 1.0008] {
+        let mut plane = shapes::open().remove(0);
+        for vertex in plane.vertices.chunks_exact_mut(8) {
+            vertex[5] = length;
+        }
+        let angle = levels(&plane).facts.normal_angle;
+        assert!(angle < 1e-6, "{angle} rad of normals that are all alike");
+    }
+    // Half of them are tilted by less than what a length of 1.0008 would hide.
+    let mut tilted = shapes::open().remove(0);
+    for (at, vertex) in tilted.vertices.chunks_exact_mut(8).enumerate() {
+        let (sin, cos) = (if at % 2 == 0 { 0.03_f32 } else { 0.0 }).sin_cos();
+        (vertex[3], vertex[5]) = (1.0008 * sin, 1.0008 * cos);
+    }
+    let angle = levels(&tilted).facts.normal_angle;
+    assert!(angle > 0.01, "{angle} rad");
+}
