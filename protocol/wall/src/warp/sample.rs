@@ -18,6 +18,10 @@ const STRAIGHT_EDGE_PX: f64 = 256.0;
 /// side: the rounding of f32.
 const SNAP_UV: f64 = 1e-7;
 
+/// Maximum distance between a place and the centre of a cell that counts as at it, in cells: the
+/// rounding of places that pins and bends move.
+const SNAP_CELL: f64 = 1e-7;
+
 impl WarpMap {
     /// The mesh of a channel whose pixels lie where this map says; `pixels` has its corner pins
     /// and bends. Cells of a grid with an unlit corner are unlit. What a mesh has beside the
@@ -121,7 +125,8 @@ impl ImportedMesh {
 
 impl WarpGrid {
     /// The value at a place of the picture, linear between the centres of cells, and going on
-    /// beyond the outermost ones. `None` where one of those around is unlit.
+    /// beyond the outermost ones. `None` where one of those around is unlit; at the centre of a
+    /// cell only that cell counts.
     pub fn value_at(&self, place: DVec2) -> Option<DVec3> {
         let at = place * self.size.as_dvec2() - 0.5;
         let last = self.size.saturating_sub(UVec2::splat(2)).as_dvec2();
@@ -134,12 +139,20 @@ impl WarpGrid {
             let value = self.values[y as usize * self.size.x as usize + x as usize];
             (!value.is_nan()).then(|| value.as_dvec3())
         };
-        let row = |y: u32| {
-            let (a, b) = (value(from.x, y)?, value(to.x, y)?);
-            Some(a + (b - a) * part.x)
-        };
-        let (a, b) = (row(from.y)?, row(to.y)?);
-        Some(a + (b - a) * part.y)
+        let row = |y: u32| between(value(from.x, y), value(to.x, y), part.x);
+        between(row(from.y), row(to.y), part.y)
+    }
+}
+
+/// Returns the value at a share of the way from one value to another; an end that has no weight
+/// there need not be lit.
+fn between(a: Option<DVec3>, b: Option<DVec3>, part: f64) -> Option<DVec3> {
+    if part.abs() < SNAP_CELL {
+        a
+    } else if (1.0 - part).abs() < SNAP_CELL {
+        b
+    } else {
+        Some(a? + (b? - a?) * part)
     }
 }
 
@@ -201,6 +214,29 @@ mod tests {
         assert_eq!(mesh.point_at(DVec2::new(45.0, 20.0)), None);
         let WarpGeometry::Grid(grid) = &warp.shape else { panic!("a grid") };
         assert_eq!(grid.value_at(DVec2::new(0.47, 0.5)), None, "beside an unlit cell");
+    }
+
+    /// One unlit value of a map that has one for each pixel darkens that pixel alone.
+    #[test]
+    fn an_unlit_value_darkens_no_pixel_beside_it() {
+        let (channel, screen) = stage();
+        let pixels = ChannelMapping::new(&channel, &screen).expect("no pins");
+        let hole = DVec2::new(32.5, 20.5);
+        let shape = grid(channel.size, |place| {
+            let at = place.as_dvec2() * DVec2::new(80.0, 40.0);
+            if at.distance(hole) < 0.5 { Vec3::NAN } else { place.extend(0.0) }
+        });
+        let warp = WarpMap { space: MapCoordinates::Canvas, shape };
+        let mesh = warp.channel_mesh(&channel, &WallGeometry::empty().screen(&screen), &pixels);
+        for (x, y) in (-2..=2).flat_map(|y| (-2..=2).map(move |x| (x, y))) {
+            let at = hole + DVec2::new(f64::from(x), f64::from(y));
+            let found = mesh.point_at(at);
+            assert_eq!(found.is_none(), at == hole, "{at}: {found:?}");
+            if let Some(found) = found {
+                let due = screen.display_from_canvas(at * 5.0).expect("a plane");
+                assert!(found.distance(due) < 1e-6, "{at}: {found}, {due}");
+            }
+        }
     }
 
     #[test]
