@@ -5,11 +5,13 @@
 //! border of what is lit down to single pixels, so that no lit pixel is lost and no dark one shows.
 
 pub(crate) mod clip;
+pub(crate) mod reach;
 pub(crate) mod refine;
 
 use std::collections::HashMap;
 
 use glam::{DVec2, DVec3, UVec2};
+use reach::CellPlaces;
 
 /// Points of one mesh. A channel of 8,192 × 8,192 pixels has a quarter of a million cells of
 /// [`TessellationOptions::default`]; what is so rough that it wants more is given a larger error.
@@ -59,8 +61,9 @@ struct Cell {
 }
 
 /// A mesh under construction.
-struct Tessellator<F> {
+struct Tessellator<F, M> {
     point: F,
+    is_mixed: M,
     error_px: f64,
     mesh: WarpMesh,
     /// By corner.
@@ -69,26 +72,41 @@ struct Tessellator<F> {
 
 impl WarpMesh {
     /// The mesh of a picture of this size, whose places show what `point` gives: `None` where
-    /// there is nothing. It is asked beyond no edge of the picture.
+    /// there is nothing. It is asked beyond no edge of the picture. What is narrower than half a
+    /// step, a hole or something lit, may be passed over.
     pub fn new(
         size: UVec2,
         rule: TessellationOptions,
         point: impl FnMut(DVec2) -> Option<DVec3>,
     ) -> Self {
-        Self::within(WARP_VERTICES_MAX, size, rule, point)
+        Self::with_borders(size, rule, point, |_| false)
+    }
+
+    /// The mesh like [`Self::new`], which passes over nothing: `is_mixed` returns whether there may
+    /// be both lit and dark places in a cell, of whose places in the picture all are lit or none.
+    pub(crate) fn with_borders(
+        size: UVec2,
+        rule: TessellationOptions,
+        point: impl FnMut(DVec2) -> Option<DVec3>,
+        is_mixed: impl FnMut(&CellPlaces) -> bool,
+    ) -> Self {
+        Self::within(WARP_VERTICES_MAX, (size, rule), point, is_mixed)
     }
 
     fn within(
         vertices_max: usize,
-        size: UVec2,
-        rule: TessellationOptions,
+        (size, rule): (UVec2, TessellationOptions),
         mut point: impl FnMut(DVec2) -> Option<DVec3>,
+        mut is_mixed: impl FnMut(&CellPlaces) -> bool,
     ) -> Self {
         let mut error_px = rule.error_px;
         loop {
             let finite = |pixel| point(pixel).filter(|point| point.is_finite());
+            // The borders of noise alone may be more than there is room for.
+            let is_bounded = error_px.is_finite();
             let mut maker = Tessellator {
                 point: finite,
+                is_mixed: |places: &CellPlaces| is_bounded && is_mixed(places),
                 error_px,
                 mesh: Self::default(),
                 known: HashMap::new(),
@@ -96,7 +114,7 @@ impl WarpMesh {
             if maker.fill(size, rule.step_px.max(1), vertices_max) {
                 return maker.mesh;
             }
-            // At the largest error only borders are divided, and they are lines.
+            // At the largest error only borders that corners see are divided.
             error_px = if error_px < 1e3 { error_px.max(1e-3) * 4.0 } else { f64::INFINITY };
         }
     }
@@ -114,7 +132,11 @@ impl WarpMesh {
     }
 }
 
-impl<F: FnMut(DVec2) -> Option<DVec3>> Tessellator<F> {
+impl<F, M> Tessellator<F, M>
+where
+    F: FnMut(DVec2) -> Option<DVec3>,
+    M: FnMut(&CellPlaces) -> bool,
+{
     /// Fills the mesh; returns whether it had room.
     fn fill(&mut self, size: UVec2, step: u32, vertices_max: usize) -> bool {
         for y in (0..size.y).step_by(step as usize) {
@@ -131,22 +153,24 @@ impl<F: FnMut(DVec2) -> Option<DVec3>> Tessellator<F> {
 
     fn divide(&mut self, cell: Cell) {
         let (low, span) = (cell.origin.as_dvec2(), cell.size.as_dvec2());
-        let mut points = [None; 9];
-        for (slot, point) in points.iter_mut().enumerate() {
-            let part = DVec2::new((slot % 3) as f64, (slot / 3) as f64) / 2.0;
-            *point = (self.point)(low + span * part);
-        }
+        let part = |slot: usize| DVec2::new((slot % 3) as f64, (slot / 3) as f64) / 2.0;
+        let places: CellPlaces = std::array::from_fn(|slot| low + span * part(slot));
+        let points = places.map(&mut self.point);
         let is_pixel = cell.size == UVec2::ONE;
         let found = points.iter().flatten().count();
         let corners = [points[0], points[2], points[6], points[8]];
-        if found == 0 || (is_pixel && points[4].is_none()) {
-            return;
-        }
         let [across, down, between] = match found {
             9 => errors_px(&points, span),
             _ => [f64::INFINITY; 3],
         };
         let is_right = across.max(down).max(between) <= self.error_px;
+        // Asked only of a cell that would not be divided otherwise.
+        let is_even = found == 0 || (found == 9 && is_right);
+        let is_mixed = !is_pixel && is_even && (self.is_mixed)(&places);
+        if (found == 0 && !is_mixed) || (is_pixel && points[4].is_none()) {
+            return;
+        }
+        let is_right = is_right && !is_mixed;
         if let [Some(a), Some(b), Some(c), Some(d)] = corners
             && (is_pixel || is_right)
         {

@@ -11,6 +11,7 @@ use crate::calibration_maps::CalibrationMaps;
 use crate::channel_mapping::ChannelMapping;
 use crate::wall_geometry::{ResolvedWall, ScreenGeometry};
 use crate::warp::{MapCoordinates, WarpGeometry, WarpMap};
+use crate::warp_mesh::reach::{CellPlaces, CellReach};
 use crate::warp_mesh::{TessellationOptions, WarpMesh, WarpVertex};
 use crate::{Channel, ChannelId, ChannelKind, Surface};
 
@@ -173,15 +174,37 @@ impl CanvasStrip {
                     pixels.canvas_from_point(vertex.point)
                 })
             }
-            _ => WarpMesh::new(channel.size, TessellationOptions::default(), |pixel| {
-                let place = place_of(pixel)?;
-                let canvas = self.turned(place.canvas);
-                self.part.holds(canvas).then(|| self.point(canvas, place.surface))
-            }),
+            _ => {
+                let point = |pixel| {
+                    let place = place_of(pixel)?;
+                    let canvas = self.turned(place.canvas);
+                    self.part.holds(canvas).then(|| self.point(canvas, place.surface))
+                };
+                let is_mixed = |cell: &CellPlaces| {
+                    let canvas = |pixel| Some(self.turned(place_of(pixel)?.canvas));
+                    let reach = CellReach::new(cell, canvas).on_turn(self.around);
+                    let CanvasRect { begin, end } = self.part;
+                    let is_holed = || Self::is_holed(map, cell, (channel, pixels));
+                    reach.crosses(begin, end) || (!reach.is_beside(begin, end) && is_holed())
+                };
+                let rule = TessellationOptions::default();
+                WarpMesh::with_borders(channel.size, rule, point, is_mixed)
+            }
         };
         let first = onto.vertices.len() as u32;
         onto.vertices.extend(mesh.vertices);
         onto.triangles.extend(mesh.triangles.iter().map(|corners| corners.map(|at| at + first)));
+    }
+
+    /// Returns whether a map leaves a part of a cell dark, but not all of it.
+    fn is_holed(
+        map: Option<&WarpMap>,
+        cell: &CellPlaces,
+        (channel, pixels): (&Channel, &ChannelMapping<'_>),
+    ) -> bool {
+        let Some(WarpMap { shape: WarpGeometry::Grid(grid), .. }) = map else { return false };
+        let size = channel.size.as_dvec2();
+        grid.is_mixed(CellReach::new(cell, |pixel| Some(pixels.ideal_from_pixel(pixel)? / size)))
     }
 
     /// Returns the same place of the canvas, in the nearest of all turns.

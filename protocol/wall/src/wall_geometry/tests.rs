@@ -246,3 +246,54 @@ fn views_lie_where_the_eye_sees_points_that_are_not_on_the_screen() {
         }
     }
 }
+
+/// Views between the places at which the largest cells of a channel are looked at: a narrow one on
+/// a plane, and one around the pole of a dome.
+#[test]
+fn views_have_all_of_their_pixels_however_narrow_they_are() {
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    use crate::view::{CanvasRect, PointSpace};
+    let plane = crate::surface::Plane::upright(DVec3::NEG_Z * 2.0, DVec2::new(2.0, 1.0));
+    let dome = crate::surface::Sphere {
+        center: DVec3::ZERO,
+        rotation: glam::DQuat::IDENTITY,
+        radius_m: 4.0,
+        azimuth_rad: [-PI, PI],
+        elevation_rad: [0.0, FRAC_PI_2],
+    };
+    let beam = Projector {
+        position: DVec3::new(0.1, 0.0, 0.05),
+        rotation: glam::DQuat::from_rotation_x(FRAC_PI_2),
+        tangents: [-1.0, 1.0, -1.0, 1.0],
+    };
+    for (surface, cover, canvas, [begin, end]) in [
+        (Surface::Plane(plane), ChannelKind::Tile, [256, 128], [[36.0, 70.0], [60.0, 90.0]]),
+        (
+            Surface::Sphere(dome),
+            ChannelKind::Projector(Box::new(beam)),
+            [1024, 256],
+            [[0.0, 0.0], [1024.0, 6.0]],
+        ),
+    ] {
+        let screen = Screen::new("s", surface, UVec2::from(canvas));
+        let mut channel = Channel::tile("c", 0, UVec2::ZERO, UVec2::new(220, 120));
+        channel.cover = cover;
+        let wall = Wall::new("w", vec![screen], vec![channel]);
+        let (begin, end) = (DVec2::from(begin), DVec2::from(end));
+        let shaped = ResolvedWall::from(&wall);
+        let (maps, part) = (CalibrationMaps::default(), CanvasRect { begin, end });
+        let mesh = shaped.overlay_mesh(&maps, ChannelId(0), part, PointSpace::Canvas);
+        let mesh = mesh.expect("a mesh");
+        let map = shaped.channel_mapping(ChannelId(0)).expect("a map");
+        let mut lit = 0;
+        for (_, pixel) in pixels(&wall, 1) {
+            let pixel = pixel.as_dvec2() + 0.5;
+            let at = map.canvas_from_pixel(pixel).expect("on the canvas");
+            let is_due = at.cmpge(begin).all() && at.cmplt(end).all();
+            assert_eq!(mesh.point_at(pixel).is_some(), is_due, "{pixel} shows {at}");
+            lit += usize::from(is_due);
+        }
+        assert!(lit > 20, "{lit} pixels");
+    }
+}

@@ -7,6 +7,7 @@ use crate::Channel;
 use crate::channel_mapping::ChannelMapping;
 use crate::wall_geometry::ScreenGeometry;
 use crate::warp_mesh::clip::SNAP_PX;
+use crate::warp_mesh::reach::{CellPlaces, CellReach};
 use crate::warp_mesh::refine::Refinement;
 use crate::warp_mesh::{TessellationOptions, WarpMesh as ChannelMesh, WarpVertex};
 
@@ -35,10 +36,11 @@ impl WarpMap {
         let size = channel.size.as_dvec2();
         match &self.shape {
             WarpGeometry::Grid(grid) => {
-                ChannelMesh::new(channel.size, TessellationOptions::default(), |pixel| {
-                    let value = grid.value_at(pixels.ideal_from_pixel(pixel)? / size)?;
-                    self.display_from_value(value, ground)
-                })
+                let place = |pixel| Some(pixels.ideal_from_pixel(pixel)? / size);
+                let point = |pixel| self.display_from_value(grid.value_at(place(pixel)?)?, ground);
+                let is_mixed = |cell: &CellPlaces| grid.is_mixed(CellReach::new(cell, place));
+                let rule = TessellationOptions::default();
+                ChannelMesh::with_borders(channel.size, rule, point, is_mixed)
             }
             WarpGeometry::Mesh(mesh) => {
                 let meant = mesh.placed(|place| place * size);
@@ -142,6 +144,23 @@ impl WarpGrid {
         let row = |y: u32| between(value(from.x, y), value(to.x, y), part.x);
         between(row(from.y), row(to.y), part.y)
     }
+
+    /// Returns whether some of the cells around these places of the picture are lit and others are
+    /// not.
+    pub(crate) fn is_mixed(&self, places: CellReach) -> bool {
+        let CellReach::Within { low, high } = places else { return places == CellReach::Partly };
+        let (scale, last) = (self.size.as_dvec2(), (self.size - 1).as_dvec2());
+        // Beyond the outermost centres the two next to them count.
+        let first = (low * scale - 0.5).floor().min(last - 1.0).max(DVec2::ZERO);
+        let end = (high * scale - 0.5).ceil().max(first + 1.0).min(last);
+        let (first, end) = (first.as_uvec2(), end.as_uvec2());
+        let row = |y: u32| {
+            let from = y as usize * self.size.x as usize;
+            &self.values[from + first.x as usize..=from + end.x as usize]
+        };
+        let is_dark = row(first.y)[0].is_nan();
+        (first.y..=end.y).any(|y| row(y).iter().any(|value| value.is_nan() != is_dark))
+    }
 }
 
 /// Returns the value at a share of the way from one value to another; an end that has no weight
@@ -235,6 +254,40 @@ mod tests {
             if let Some(found) = found {
                 let due = screen.display_from_canvas(at * 5.0).expect("a plane");
                 assert!(found.distance(due) < 1e-6, "{at}: {found}, {due}");
+            }
+        }
+    }
+
+    /// A hole, and something lit, between the places at which the largest cells are looked at.
+    #[test]
+    fn no_hole_is_passed_over_and_nothing_lit_is_lost() {
+        let (mut channel, screen) = stage();
+        let is_in = |place: Vec2| {
+            let at = place * Vec2::new(80.0, 40.0);
+            at.cmpgt(Vec2::new(40.0, 22.0)).all() && at.cmplt(Vec2::new(60.0, 38.0)).all()
+        };
+        for (is_hole, is_pinned) in [(true, false), (true, true), (false, false), (false, true)] {
+            if is_pinned {
+                channel.adjustment.pin[1] = DVec2::new(-2.0, 1.0);
+            } else {
+                channel.adjustment.pin = [DVec2::ZERO; 4];
+            }
+            let pixels = ChannelMapping::new(&channel, &screen).expect("a picture");
+            let shape = grid(channel.size, |place| {
+                if is_in(place) == is_hole { Vec3::NAN } else { place.extend(0.0) }
+            });
+            let WarpGeometry::Grid(values) = &shape else { panic!("a grid") };
+            let due = |pixel: DVec2| {
+                let meant = pixels.ideal_from_pixel(pixel).expect("a place");
+                values.value_at(meant / channel.size.as_dvec2()).is_some()
+            };
+            let (space, shape) = (MapCoordinates::Canvas, shape.clone());
+            let warp = WarpMap { space, shape };
+            let mesh = warp.channel_mesh(&channel, &WallGeometry::empty().screen(&screen), &pixels);
+            for (x, y) in (0..40).flat_map(|y| (0..80).map(move |x| (x, y))) {
+                let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
+                let is_lit = mesh.point_at(pixel).is_some();
+                assert_eq!(is_lit, due(pixel), "{pixel}, hole {is_hole}, pinned {is_pinned}");
             }
         }
     }

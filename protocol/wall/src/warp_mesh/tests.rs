@@ -93,6 +93,7 @@ fn noise_ends_in_a_mesh_of_bounded_size() {
         state = state.wrapping_mul(1664525).wrapping_add(1013904223);
         Some((pixel * 0.001).extend(-2.0 + f64::from(state >> 16) * 1e-6))
     };
-    let mesh = WarpMesh::within(20_000, SIZE, TessellationOptions::default(), rough);
+    let rule = TessellationOptions::default();
+    let mesh = WarpMesh::within(20_000, (SIZE, rule), rough, |_| false);
     assert!((4..=20_000).contains(&mesh.vertices.len()), "{}", mesh.vertices.len());
 }
