@@ -26,10 +26,6 @@ const EDGE_SAMPLES: u32 = 33;
 /// distance plus 1 m.
 const MISS_MAX: f64 = 1e-6;
 
-/// Maximum distance beyond the canvas of a place that counts as on its edge, in pixels: what f32
-/// in calibration files rounds by.
-const EDGE_SLACK_PX: f64 = 0.01;
-
 /// A screen's canvas, as one eye sees it covered.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coverage {
@@ -133,10 +129,7 @@ impl<'a> Footprint<'a> {
     pub fn lit_point(&self, pixel: DVec2) -> Option<DVec3> {
         let map = self.map.as_ref()?;
         let canvas = map.canvas_from_pixel(pixel)?;
-        let is_rounded = self.channel.cover == ChannelKind::Map || self.ground.is_mesh();
-        let slack = DVec2::splat(if is_rounded { EDGE_SLACK_PX } else { 0.0 });
-        let high = self.ground.screen.canvas.as_dvec2() + slack;
-        let is_on = canvas.cmpge(-slack).all() && canvas.cmple(high).all();
+        let is_on = map.is_on_canvas(canvas);
         map.display_from_pixel(pixel).filter(|point| is_on && point.is_finite())
     }
 

@@ -14,6 +14,8 @@ use glam::{DMat3, DVec2, DVec3};
 use super::channel_calibration::ControlGrid;
 use super::mesh_bvh::MeshBvh;
 use super::wall_geometry::{ResolvedWall, ScreenGeometry, WallGeometry};
+use super::warp_mesh::reach::{CellPlaces, CellReach};
+use super::warp_mesh::{TessellationOptions, WarpMesh};
 use super::{Channel, ChannelKind, Screen, Surface, Wall};
 use crate::ChannelId;
 
@@ -23,6 +25,13 @@ const UNBEND_STEPS: usize = 32;
 /// Maximum distance of a place on a mesh's canvas from the position of the pixel that shows it, in
 /// pixels of the canvas; beyond it, another layer of the mesh stands before the place.
 const LAYER_PX: f64 = 1.0;
+
+/// Maximum distance beyond the canvas of a place that counts as on its edge, in pixels: what f64
+/// rounds by.
+const EDGE_SLACK_PX: f64 = 1e-6;
+
+/// The same where calibration files say where places are: what f32 rounds by.
+const FILE_SLACK_PX: f64 = 0.01;
 
 /// The places of one channel's pixels.
 #[derive(Clone, Debug)]
@@ -132,6 +141,46 @@ impl<'a> ChannelMapping<'a> {
             (ChannelKind::Map, Some((facets, _))) => facets.point_at(self.ideal_from_pixel(pixel)?),
             _ => self.ground.display_from_canvas(self.canvas_from_pixel(pixel)?),
         }
+    }
+
+    /// Returns whether a place that [`Self::canvas_from_pixel`] gave lies on the canvas: light
+    /// beside it falls on nothing.
+    pub fn is_on_canvas(&self, canvas: DVec2) -> bool {
+        let is_rounded = self.channel.cover == ChannelKind::Map || self.ground.is_mesh();
+        let slack = DVec2::splat(if is_rounded { FILE_SLACK_PX } else { EDGE_SLACK_PX });
+        let high = self.ground.screen.canvas.as_dvec2() + slack;
+        canvas.cmpge(-slack).all() && canvas.cmple(high).all()
+    }
+
+    /// The point of display space, in metres, that is drawn at a place of the channel's picture:
+    /// that of [`Self::display_from_pixel`], but none where a projector's light misses the canvas.
+    pub fn drawn_from_pixel(&self, pixel: DVec2) -> Option<DVec3> {
+        if !self.is_thrown() {
+            return self.display_from_pixel(pixel);
+        }
+        let (point, canvas) = self.lit(self.ideal_from_pixel(pixel)?)?;
+        self.is_on_canvas(canvas).then_some(point)
+    }
+
+    /// The mesh of all that [`Self::drawn_from_pixel`] gives. Channels that files place are drawn
+    /// through that of [`ResolvedWall::drawn_mesh`].
+    pub fn drawn_mesh(&self) -> WarpMesh {
+        let canvas = self.ground.screen.canvas.as_dvec2();
+        // A screen that is small in a projector's picture may lie between places of a cell. Its
+        // edges are too even to leave one between places that are all lit.
+        let is_mixed = |cell: &CellPlaces| {
+            let reach = || CellReach::new(cell, |pixel| self.canvas_from_pixel(pixel));
+            self.is_thrown()
+                && self.drawn_from_pixel(cell[4]).is_none()
+                && reach().crosses(DVec2::ZERO, canvas)
+        };
+        let point = |pixel| self.drawn_from_pixel(pixel);
+        let rule = TessellationOptions::default();
+        WarpMesh::with_borders(self.channel.size, rule, point, is_mixed)
+    }
+
+    fn is_thrown(&self) -> bool {
+        matches!(self.channel.cover, ChannelKind::Projector(_))
     }
 
     /// Returns whether everything that places its pixels is there; if not, a file is missing.

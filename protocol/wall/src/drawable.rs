@@ -6,14 +6,14 @@ use glam::DVec3;
 use super::calibration_maps::CalibrationMaps;
 use super::view_atlas::{AtlasError, ViewAtlas};
 use super::wall_geometry::ResolvedWall;
-use super::warp_mesh::{TessellationOptions, WarpMesh};
+use super::warp_mesh::WarpMesh;
 use super::{ChannelKind, Surface};
 use crate::ChannelId;
 use crate::limits::CHANNEL_SIDE_MAX;
 
 impl ResolvedWall<'_> {
     /// The mesh that a channel is drawn through, with its pins and bends: nothing of it lies
-    /// beside the channel's picture.
+    /// beside the channel's picture, and nothing of a projector's beside its screen.
     ///
     /// # Errors
     /// The reason why nothing of the channel can be drawn.
@@ -31,10 +31,7 @@ impl ResolvedWall<'_> {
                 let surface = maps.warp(*file).ok_or("its screen's file is not there")?;
                 surface.screen_mesh(channel, &ground, &map)
             }
-            _ => {
-                let point = |pixel| map.display_from_pixel(pixel);
-                WarpMesh::new(channel.size, TessellationOptions::default(), point)
-            }
+            _ => map.drawn_mesh(),
         };
         if mesh.triangles.is_empty() {
             return Err("none of its pixels lies on its screen".to_owned());

@@ -152,7 +152,7 @@ pub(super) fn channels(shaped: ResolvedWall<'_>) -> Vec<ChannelView<'_>> {
     for (id, channel) in wall.channel_ids().zip(&wall.channels) {
         let Some(map) = shaped.channel_mapping(id) else { continue };
         let half = HALF_PX.min((channel.size.min_element() as f64 / 7.0).floor());
-        let middle = map.display_from_pixel(channel.size.as_dvec2() / 2.0);
+        let middle = map.drawn_from_pixel(channel.size.as_dvec2() / 2.0);
         if half < HALF_MIN_PX || middle.is_none() {
             continue;
         }
@@ -175,7 +175,7 @@ impl ChannelView<'_> {
     fn has_room(&self, pixel: DVec2, size: DVec2) -> bool {
         let inset = DVec2::splat(self.half * ROOM);
         let around = [DVec2::X, DVec2::NEG_X, DVec2::Y, DVec2::NEG_Y];
-        let is_lit = |by: DVec2| self.map.display_from_pixel(pixel + by * self.half).is_some();
+        let is_lit = |by: DVec2| self.map.drawn_from_pixel(pixel + by * self.half).is_some();
         pixel.cmpge(inset).all()
             && pixel.cmple(size - inset).all()
             && around.into_iter().all(is_lit)

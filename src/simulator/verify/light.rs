@@ -4,7 +4,7 @@
 pub(super) mod weight_checker;
 
 use anyhow::Context;
-use glam::{DVec2, DVec3, UVec2};
+use glam::{DVec3, UVec2};
 use polyptych_client::Image;
 use polyptych_wall::blend::{BlendMap, BlendModel, ChannelMasks};
 use polyptych_wall::calibration_maps::CalibrationMaps;
@@ -13,7 +13,6 @@ use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 use polyptych_wall::view_atlas::ViewAtlas;
 use polyptych_wall::wall_geometry::ResolvedWall;
 use polyptych_wall::warp::Mask;
-use polyptych_wall::warp_mesh::{TessellationOptions, WarpMesh};
 use polyptych_wall::{ChannelId, Eye, StereoPacking, Wall};
 
 use super::marker::LuminanceImage;
@@ -112,10 +111,8 @@ pub(super) fn prove_sampling(
         if !super::geometry::is_warped(wall, channel) {
             continue;
         }
-        let point = |pixel: DVec2| map.display_from_pixel(pixel);
         let eyes = wall.viewpoints(channel);
-        let mesh =
-            WarpMesh::new(channel.size, TessellationOptions::default(), point).refined_for(&eyes);
+        let mesh = map.drawn_mesh().refined_for(&eyes);
         if mesh.triangles.is_empty() {
             continue;
         }

@@ -85,7 +85,7 @@ pub(crate) fn sight(
 ) -> impl Fn(DVec2) -> Option<Ray> {
     let eye = eye.into();
     move |pixel| {
-        let point = map.display_from_pixel(pixel)?;
+        let point = map.drawn_from_pixel(pixel)?;
         let eye = eye.eye_for(point);
         Some((eye, point - eye))
     }
@@ -115,12 +115,12 @@ impl Marker {
         half: f64,
         depth: f64,
     ) -> Option<Self> {
-        let center = map.display_from_pixel(pixel)?;
+        let center = map.drawn_from_pixel(pixel)?;
         let eye = eye.into().eye_for(center);
         // Both ways, and their mean: on a curved screen neither alone is tangential.
         let side = |step: DVec2| {
             let (ahead, behind) =
-                (map.display_from_pixel(pixel + step)?, map.display_from_pixel(pixel - step)?);
+                (map.drawn_from_pixel(pixel + step)?, map.drawn_from_pixel(pixel - step)?);
             Some((ahead - behind) / 2.0 * depth)
         };
         let (right, down) = (side(DVec2::X * half)?, side(DVec2::Y * half)?);

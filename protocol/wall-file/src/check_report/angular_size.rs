@@ -8,7 +8,6 @@ use polyptych_wall::channel_mapping::ChannelMapping;
 use polyptych_wall::limits::CHANNEL_SIDE_MAX;
 use polyptych_wall::view_atlas::{AtlasError, ViewAtlas};
 use polyptych_wall::wall_geometry::ResolvedWall;
-use polyptych_wall::warp_mesh::{TessellationOptions, WarpMesh};
 
 /// Straight pieces that a line is measured in.
 const PIECES: u32 = 32;
@@ -81,10 +80,7 @@ pub(super) fn plan(
 ) -> Result<ViewAtlas, AtlasError> {
     let known = of.wall.channel_by_name(&channel.name).filter(|_| !maps.is_empty());
     let drawn = known.and_then(|(id, _)| of.drawn_mesh(maps, id).ok());
-    let mesh = drawn.unwrap_or_else(|| {
-        let place = |pixel| map.display_from_pixel(pixel);
-        WarpMesh::new(channel.size, TessellationOptions::default(), place)
-    });
+    let mesh = drawn.unwrap_or_else(|| map.drawn_mesh());
     let eyes = if of.wall.is_omnidirectional(channel) {
         of.wall.viewpoints(channel)
     } else {

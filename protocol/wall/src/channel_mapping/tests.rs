@@ -1,12 +1,16 @@
 //! Pixels to canvas and display space, and back.
 
+use std::f64::consts::{FRAC_PI_2, PI};
+
 use glam::{DQuat, DVec2, DVec3, UVec2};
 
+use super::super::calibration_maps::CalibrationMaps;
 use super::super::channel_calibration::ControlGrid;
 use super::super::projector::Projector;
-use super::super::surface::{Cylinder, Plane};
-use super::super::{Channel, ChannelCalibration, ChannelKind, FrustumMode, Screen, Surface};
-use super::ChannelMapping;
+use super::super::surface::{Cylinder, Plane, Sphere};
+use super::super::{Channel, ChannelCalibration, ChannelKind, FrustumMode, Screen, Surface, Wall};
+use super::{ChannelMapping, ResolvedWall};
+use crate::ChannelId;
 
 fn screen(surface: Surface) -> Screen {
     Screen { name: "front".into(), surface, canvas: UVec2::new(2000, 1000), bezel: None }
@@ -155,5 +159,52 @@ fn projectors_behind_a_screen_light_its_back() {
             assert_eq!(at(0.3, 0.5).x > at(0.7, 0.5).x, is_rear);
             assert!(at(0.5, 0.3).y < at(0.5, 0.7).y);
         }
+    }
+}
+
+/// Light that overshoots a screen is not drawn, and a screen that is small in a picture is found.
+#[test]
+fn projectors_draw_on_their_screen_alone() {
+    let flat = |x: f64, size_m: [f64; 2]| {
+        let center = DVec3::new(x, 0.0, -3.0);
+        screen(Surface::Plane(Plane::upright(center, DVec2::from(size_m))))
+    };
+    let round = screen(Surface::Cylinder(Cylinder {
+        center: DVec3::ZERO,
+        rotation: DQuat::IDENTITY,
+        radius_m: 3.0,
+        azimuth_rad: [-0.31, 0.31],
+        height_m: [-0.51, 0.51],
+    }));
+    let dome = screen(Surface::Sphere(Sphere {
+        center: DVec3::ZERO,
+        rotation: DQuat::IDENTITY,
+        radius_m: 4.0,
+        azimuth_rad: [-PI, PI],
+        elevation_rad: [0.0, FRAC_PI_2],
+    }));
+    for (screen, pitch) in
+        [(flat(0.0, [2.0, 1.0]), 0.0), (flat(0.525, [0.3, 0.2]), 0.0), (round, 0.0), (dome, 0.15)]
+    {
+        let rotation = DQuat::from_rotation_x(pitch);
+        let tangents = [-0.5, 0.5, -0.3, 0.3];
+        let projector = Projector { position: DVec3::ZERO, rotation, tangents };
+        let cover = ChannelKind::Projector(Box::new(projector));
+        let mut channel = channel(cover, ChannelCalibration::default());
+        channel.size = UVec2::new(160, 100);
+        let wall = Wall::new("w", vec![screen], vec![channel]);
+        let shaped = ResolvedWall::from(&wall);
+        let mesh = shaped.drawn_mesh(&CalibrationMaps::default(), ChannelId(0)).expect("drawn");
+        let map = shaped.channel_mapping(ChannelId(0)).expect("a picture");
+        let canvas = wall.screens[0].canvas.as_dvec2();
+        let mut counts = [0; 2];
+        for (x, y) in (0..100).step_by(3).flat_map(|y| (0..160).step_by(3).map(move |x| (x, y))) {
+            let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
+            let at = map.canvas_from_pixel(pixel);
+            let is_due = at.is_some_and(|at| at.cmpge(DVec2::ZERO).all() && at.cmple(canvas).all());
+            assert_eq!(mesh.point_at(pixel).is_some(), is_due, "{pixel} lights {at:?}");
+            counts[usize::from(is_due)] += 1;
+        }
+        assert!(counts.iter().all(|count| *count >= 15), "{counts:?}");
     }
 }

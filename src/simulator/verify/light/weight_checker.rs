@@ -175,6 +175,10 @@ impl LitChannel<'_> {
         if !(pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all()) {
             return None;
         }
+        if matches!(self.channel.cover, ChannelKind::Projector(_)) {
+            // Nothing is drawn beside the screen.
+            self.pixels.drawn_from_pixel(pixel)?;
+        }
         if self.is_flat() {
             return Some(pixel);
         }
@@ -203,8 +207,8 @@ impl LitChannel<'_> {
         })
     }
 
-    /// A place between pixels of which some are dark by what a file says: there is nothing to
-    /// interpolate between.
+    /// A place between pixels of which some are dark, by what a file says or beside the screen of a
+    /// projector: there is nothing to interpolate between.
     fn ends_at(&self, pixel: DVec2) -> bool {
         if self.channel.cover == ChannelKind::Tile && !self.ground.is_mesh() {
             return false;
@@ -212,7 +216,7 @@ impl LitChannel<'_> {
         let (low, last) = ((pixel - 0.5).floor() + 0.5, self.channel.size.as_dvec2() - 0.5);
         let around = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE];
         let mut around = around.map(|by| (low + by).clamp(DVec2::splat(0.5), last)).into_iter();
-        around.any(|middle| self.pixels.display_from_pixel(middle).is_none())
+        around.any(|middle| self.pixels.drawn_from_pixel(middle).is_none())
     }
 
     /// Returns the light that it shows of black.
