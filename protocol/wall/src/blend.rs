@@ -261,6 +261,13 @@ impl<'a> BlendModel<'a> {
         shared.collect()
     }
 
+    /// Returns the place of a channel's picture, in pixels, that lights a place of its screen's
+    /// canvas; it may lie beside the picture. `None` where its light does not come: behind a
+    /// projector, and on the far side of a curved screen.
+    pub fn pixel(&self, id: ChannelId, canvas: DVec2) -> Option<DVec2> {
+        self.lamps.get(usize::from(id.0))?.pixel(canvas)
+    }
+
     /// Returns the widths of the ramps at a channel's edges, in its pixels: left, right, top and
     /// bottom; `None` if it shares no light.
     pub fn ramp_widths(&self, id: ChannelId) -> [Option<f64>; 4] {

@@ -8,7 +8,7 @@ use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::channel_mapping::ChannelMapping;
 use polyptych_wall::color::linear_from_srgb;
 use polyptych_wall::wall_geometry::ResolvedWall;
-use polyptych_wall::{Channel, ChannelId, ColorCorrection};
+use polyptych_wall::{Channel, ChannelId, ColorCorrection, Eye, StereoPacking};
 use rayon::prelude::*;
 
 use super::pixel_positions::{BLOCK, Block, PixelPositions};
@@ -25,26 +25,35 @@ const DENSITIES: [[u8; 3]; 6] =
 
 /// Another channel of the screen, and what of a block it lights.
 struct Neighbour<'a> {
-    map: ChannelMapping<'a>,
+    blend: &'a BlendModel<'a>,
+    id: ChannelId,
     size: DVec2,
+    /// `true` for the left and the right eye if it sees both this channel and the one of the
+    /// picture.
+    is_seen: [bool; 2],
 }
 
 /// The channels that light a block of pixels.
 struct BlockCoverage<'a> {
-    /// Channels that light all of it.
-    everywhere: usize,
+    /// Channels that light all of it, for the left and the right eye.
+    everywhere: [usize; 2],
     /// Those that light a part of it.
     partly: Vec<&'a Neighbour<'a>>,
 }
 
 impl Neighbour<'_> {
     fn pixel(&self, canvas: DVec2) -> Option<DVec2> {
-        self.map.pixel_from_canvas(canvas)
+        self.blend.pixel(self.id, canvas)
     }
 
     fn lights(&self, canvas: DVec2) -> bool {
         let is_inside = |at: DVec2| at.cmpge(DVec2::ZERO).all() && at.cmplt(self.size).all();
         self.pixel(canvas).is_some_and(is_inside)
+    }
+
+    /// Counts the channel for each eye that sees it.
+    fn add_to(&self, counts: &mut [usize; 2]) {
+        counts.iter_mut().zip(self.is_seen).for_each(|(count, is)| *count += usize::from(is));
     }
 
     /// Returns whether the channel lights all (`true`) or nothing (`false`) of a block; `None` if
@@ -67,8 +76,26 @@ impl Neighbour<'_> {
     }
 }
 
+impl BlockCoverage<'_> {
+    /// Returns the number of channels that light a place of the block, for the eye that sees more.
+    fn count(&self, canvas: DVec2) -> usize {
+        let mut counts = self.everywhere;
+        for other in self.partly.iter().filter(|other| other.lights(canvas)) {
+            other.add_to(&mut counts);
+        }
+        counts[0].max(counts[1])
+    }
+}
+
+/// Returns whether the left eye sees a channel, and whether the right one does.
+fn seen_by(channel: &Channel) -> [bool; 2] {
+    let adjustment = &channel.adjustment;
+    let is_for_both = adjustment.eye == Eye::Center || adjustment.packing != StereoPacking::None;
+    [Eye::Left, Eye::Right].map(|eye| is_for_both || adjustment.eye == eye)
+}
+
 /// Returns the picture of the number of the screen's channels that light each pixel, for the eye
-/// that the channel is for.
+/// that the channel is for; for the one that sees more if it is for both.
 pub(super) fn overlap(
     shaped: ResolvedWall<'_>,
     id: ChannelId,
@@ -76,21 +103,23 @@ pub(super) fn overlap(
 ) -> RgbaImage {
     let wall = shaped.wall;
     let Some(own) = wall.channel(id) else { return RgbaImage::default() };
-    let is_beside =
-        |other: &Channel| other.screen == own.screen && other.adjustment.eye == own.adjustment.eye;
+    let blend = BlendModel::new(shaped);
     let others = wall.channel_ids().zip(&wall.channels);
-    let others = others.filter(|(other, channel)| *other != id && is_beside(channel));
+    let others = others.filter(|(other, channel)| *other != id && channel.screen == own.screen);
     let neighbours: Vec<_> = others
         .filter_map(|(other, channel)| {
-            let map = shaped.channel_mapping(other).filter(ChannelMapping::is_resolved)?;
-            Some(Neighbour { map, size: channel.size.as_dvec2() })
+            let ([left, right], of) = (seen_by(channel), seen_by(own));
+            let is_seen = [left && of[0], right && of[1]];
+            let size = channel.size.as_dvec2();
+            let neighbour = Neighbour { blend: &blend, id: other, size, is_seen };
+            is_seen.contains(&true).then_some(neighbour)
         })
         .collect();
     let prepare = |block: &Block<'_>| {
-        let mut lit = BlockCoverage { everywhere: 1, partly: Vec::new() };
+        let mut lit = BlockCoverage { everywhere: [1; 2], partly: Vec::new() };
         for neighbour in &neighbours {
             match block.corners().and_then(|corners| neighbour.lights_all(corners)) {
-                Some(true) => lit.everywhere += 1,
+                Some(true) => neighbour.add_to(&mut lit.everywhere),
                 Some(false) => {}
                 None => lit.partly.push(neighbour),
             }
@@ -99,8 +128,7 @@ pub(super) fn overlap(
     };
     let mut image = places.paint(prepare, |lit, place| {
         let Some(place) = place else { return BLACK };
-        let partly = lit.partly.iter().filter(|other| other.lights(place.at)).count();
-        COUNTS[(lit.everywhere + partly - 1).min(COUNTS.len() - 1)]
+        COUNTS[(lit.count(place.at) - 1).min(COUNTS.len() - 1)]
     });
     let lines = vec![own.name.clone(), "blue 1, green 2, yellow 3, red 4 channels".to_owned()];
     label(&mut image, &Label { lines, place: LabelPosition::Corner });

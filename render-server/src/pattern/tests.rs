@@ -6,7 +6,7 @@ use polyptych_wall::channel_calibration::ControlGrid;
 use polyptych_wall::projector::Projector;
 use polyptych_wall::surface::{Cylinder, Plane};
 use polyptych_wall::{
-    ChannelKind, FrustumMode, Screen, StereoPacking, Surface, TransferFunction, Wall,
+    ChannelKind, Eye, FrustumMode, Screen, StereoPacking, Surface, TransferFunction, Wall,
 };
 
 use super::*;
@@ -230,6 +230,43 @@ fn overlaps_are_counted_as_brute_force_counts_them() {
             seen[count] += 1;
         }
         assert!(seen[1] > 50 && seen[2] > 50, "{seen:?}");
+    }
+}
+
+#[test]
+fn overlaps_are_counted_for_the_eye_of_the_channel() {
+    let mut wall = tiles(Screen::new("front", plane(), SIZE), &[UVec2::ZERO; 3]);
+    let middle = |wall: &Wall, channel| rgb(&draw(wall, channel, TestPattern::Overlap), 160, 60);
+    wall.channels[1].adjustment.eye = Eye::Left;
+    wall.channels[2].adjustment.eye = Eye::Right;
+    // Each eye sees the channel of both and its own.
+    assert_eq!([0, 1, 2].map(|channel| middle(&wall, channel)), [[0, 160, 0]; 3]);
+    wall.channels[0].adjustment.eye = Eye::Right;
+    assert_eq!([0, 1, 2].map(|channel| middle(&wall, channel)[1]), [160, 40, 160]);
+    wall.channels[0].adjustment.eye = Eye::Center;
+    wall.channels[0].adjustment.packing = StereoPacking::Anaglyph;
+    assert_eq!([0, 1, 2].map(|channel| middle(&wall, channel)), [[0, 160, 0]; 3]);
+}
+
+#[test]
+fn the_far_side_of_a_screen_is_no_overlap() {
+    let mut wall = projectors();
+    let Surface::Cylinder(cylinder) = &mut wall.screens[0].surface else { panic!("a cylinder") };
+    cylinder.azimuth_rad = [-3.0, 3.0];
+    // The first lights a side of the cylinder from behind; the second, in it, the other side, at
+    // which the first one is aimed, too.
+    for (channel, x) in wall.channels.iter_mut().zip([-5.0, 0.0]) {
+        channel.adjustment = ChannelCalibration::default();
+        let rotation = DQuat::from_rotation_y(-std::f64::consts::FRAC_PI_2);
+        let position = DVec3::new(x, 0.0, 0.0);
+        let projector = Projector { position, rotation, tangents: [-0.2, 0.2, -0.1, 0.1] };
+        channel.cover = ChannelKind::Projector(Box::new(projector));
+    }
+    let is_aimed = wall.channel_mapping(ChannelId(0)).is_some_and(|map| map.is_rear());
+    assert!(is_aimed, "the first one stands behind the screen");
+    for channel in 0..2 {
+        let image = draw(&wall, channel, TestPattern::Overlap);
+        assert_eq!(rgb(&image, 160, 90), [0, 40, 120], "channel {channel}");
     }
 }
 

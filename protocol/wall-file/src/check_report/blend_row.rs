@@ -3,7 +3,6 @@
 use glam::DVec2;
 use polyptych_wall::blend::{BlendModel, ChannelMasks};
 use polyptych_wall::calibration_maps::CalibrationMaps;
-use polyptych_wall::channel_mapping::ChannelMapping;
 use polyptych_wall::wall_geometry::ResolvedWall;
 use polyptych_wall::warp::Mask;
 use polyptych_wall::{Channel, ChannelId, Eye};
@@ -36,7 +35,6 @@ pub struct BlendRow {
 struct Lit<'a> {
     id: ChannelId,
     channel: &'a Channel,
-    pixels: ChannelMapping<'a>,
     masks: ChannelMasks<'a>,
 }
 
@@ -66,17 +64,17 @@ fn of_screen(
         |channel: &Channel| usize::from(channel.screen) == screen && is_seen_by(channel, eye);
     let ids = wall.channel_ids().zip(&wall.channels).filter(|(_, channel)| on_screen(channel));
     // What mesh files say of light at corners, for each pixel.
-    let corners: Vec<(ChannelId, &Channel, ChannelMapping<'_>, Option<Mask>)> = ids
+    let corners: Vec<(ChannelId, &Channel, Option<Mask>)> = ids
         .filter_map(|(id, channel)| {
             let pixels = of.channel_mapping(id)?;
             let light = maps.mesh_light_mask(channel, &pixels);
-            Some((id, channel, pixels, light))
+            Some((id, channel, light))
         })
         .collect();
-    let lit = corners.iter().map(|(id, channel, pixels, light)| {
+    let lit = corners.iter().map(|(id, channel, light)| {
         let masks = maps.masks(&channel.adjustment);
         let light = light.as_ref().and_then(Mask::texels);
-        Lit { id: *id, channel, pixels: pixels.clone(), masks: ChannelMasks { light, ..masks } }
+        Lit { id: *id, channel, masks: ChannelMasks { light, ..masks } }
     });
     let lit: Vec<Lit<'_>> = lit.collect();
     let canvas = wall.screens[screen].canvas;
@@ -86,7 +84,7 @@ fn of_screen(
     for (x, y) in (0..steps.y).flat_map(|y| (0..steps.x).map(move |x| (x, y))) {
         let place = (glam::UVec2::new(x, y).as_dvec2() + 0.5) / steps.as_dvec2();
         let place = place * canvas.as_dvec2();
-        let Some((light, channels)) = light_at(blend, &lit, place) else { continue };
+        let Some((light, channels)) = light_at(blend, &lit, eye, place) else { continue };
         let off = (light - 1.0).abs();
         if worst.as_ref().is_none_or(|(most, _)| off > *most) {
             let screen = wall.screens[screen].name.clone();
@@ -96,18 +94,25 @@ fn of_screen(
     worst.map(|(_, row)| row)
 }
 
-/// Returns the light of a place, and the channels that give it; `None` if fewer than two channels
-/// do.
-fn light_at(blend: &BlendModel<'_>, lit: &[Lit<'_>], place: DVec2) -> Option<(f64, Vec<String>)> {
+/// Returns the light of a place for an eye, and the channels that give it; `None` if fewer than two
+/// channels do.
+fn light_at(
+    blend: &BlendModel<'_>,
+    lit: &[Lit<'_>],
+    eye: Eye,
+    place: DVec2,
+) -> Option<(f64, Vec<String>)> {
     let shown = lit.iter().filter_map(|lit| {
         let size = lit.channel.size.as_dvec2();
-        let pixel = lit.pixels.pixel_from_canvas(place)?;
+        let pixel = blend.pixel(lit.id, place)?;
         let is_on = pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all();
         is_on.then_some((lit, pixel))
     });
     let shown: Vec<(&Lit<'_>, DVec2)> = shown.collect();
     let (first, _) = shown.get(1).and(shown.first())?;
-    let weights = blend.weights(first.id, place);
+    // A channel for both eyes is weighed among those of the left one.
+    let of_eye = shown.iter().find(|(lit, _)| lit.channel.adjustment.eye == eye);
+    let weights = blend.weights(of_eye.map_or(first.id, |(lit, _)| lit.id), place);
     let of_channel = |(lit, pixel): &(&Lit<'_>, DVec2)| {
         let weight = weights.iter().find(|(id, _)| *id == lit.id).map_or(0.0, |(_, w)| *w);
         let [x, y] = pixel.as_uvec2().to_array();

@@ -89,6 +89,21 @@ fn config(name: &str) -> CheckReport {
 }
 
 #[test]
+fn blends_of_a_channel_for_both_eyes_add_up_for_each() {
+    let channels = [0, 90, 90].iter().enumerate().map(|(index, x)| {
+        format!("[[screen.channel]]\nname = \"c{index}\"\norigin = [{x}, 0]\npixels = [110, 100]\n")
+    });
+    let text = "[wall]\nname = \"w\"\n[[screen]]\nname = \"front\"\nsize = [2.0, 1.0]\n\
+                center = [0.0, 0.0, -1.0]\npixels = [200, 100]\n"
+        .to_owned()
+        + &channels.collect::<String>()
+        + "[channel.c1]\neye = \"left\"\n[channel.c2]\neye = \"right\"\n";
+    let blends = table(&text).blends;
+    assert_eq!(blends.len(), 2, "{blends:?}");
+    assert!(blends.iter().all(|blend| (blend.light - 1.0).abs() < 1e-9), "{blends:?}");
+}
+
+#[test]
 fn overlaps_are_in_the_table() {
     let table = config("powerwall-overlap.toml");
     let coverage = &table.screens[0].coverage[0];
