@@ -124,10 +124,11 @@ function dragHandle(button, handle) {
     const shift = uprightShift(channel, [
       (event.clientX - began.at[0]) * pixels, (event.clientY - began.at[1]) * pixels,
     ]);
-    if (!shift[0] && !shift[1]) return;
+    const to = [began.offset[0] + shift[0], began.offset[1] + shift[1]];
+    if ((!shift[0] && !shift[1]) || handle.staysAutomatic?.(to)) return;
     if (began.changes) remember(began.changes);
     began.changes = null;
-    move(button, handle, [began.offset[0] + shift[0], began.offset[1] + shift[1]]);
+    move(button, handle, to);
   });
   for (const end of ["pointerup", "pointercancel"]) {
     button.addEventListener(end, () => { began = null; });
@@ -142,6 +143,12 @@ function keyHandle(button, handle) {
     const arrow = ARROWS[event.key];
     if (!arrow) return;
     event.preventDefault();
+    if (handle.isAutomatic?.()) {
+      // From 0 on, most steps would end the picture hard where another one is.
+      log(`${handle.label} is as wide as the overlap, by as many pixels as the page does not ` +
+        "know; drag it to where the blend shall end, then press arrow keys");
+      return;
+    }
     const [dx, dy] = uprightShift(channel, arrow.map((part) => part * step));
     const offset = handle.offset();
     remember([before(handle)]);

@@ -54,6 +54,8 @@ function edge(channel, index) {
     put: (to) => { edges[name] = to && width(to); },
     change: (to) => ({ Edge: { side: name, width: to && width(to) } }),
     isAutomatic: () => edges[name] === null,
+    // Along the edge or out of the picture there is no width.
+    staysAutomatic: (to) => edges[name] === null && width(to) === 0,
   };
 }
 
