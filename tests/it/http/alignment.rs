@@ -1,6 +1,7 @@
 //! Alignment on the page: points are dragged and moved by keys, lit on the display, and put back.
 
-use polyptych_client::glam::DVec2;
+use polyptych_client::calibration_change::{CalibrationChange, Corner, Offset};
+use polyptych_client::glam::{DVec2, UVec2};
 use polyptych_client::{Image, TestPattern};
 use polyptych_wall::ChannelCalibration;
 
@@ -115,6 +116,31 @@ fn a_channel_is_aligned_on_its_picture() {
     let curl = browser.value("document.getElementById('curl').textContent");
     assert!(curl.as_str().is_some_and(|line| line.contains("/api/v1/pattern'")), "{curl}");
     assert_eq!(browser.complaints, [""; 0], "errors of the page");
+}
+
+#[test]
+fn handles_stand_where_the_display_lights_their_points() {
+    let page = Page::start(&patient(tiled([2, 1], [192, 108])), &[], &[]);
+    let client = page.local.client();
+    let name = client.wall().expect("a wall").channels[0].name.clone();
+    let (pin, moved) = (DVec2::new(12.0, 8.0), DVec2::new(10.0, 8.0));
+    let changes = vec![
+        CalibrationChange::Pin { corner: Corner::UpperLeft, to: Offset::To(pin) },
+        CalibrationChange::Grid(Some(UVec2::splat(3))),
+        CalibrationChange::Bend { column: 0, row: 0, to: Offset::To(moved) },
+    ];
+    client.calibrate(name, changes).expect("tuned");
+    let mut browser = open(&page);
+    browser.value("document.getElementById('align-begin').click()");
+    browser.await_true("document.getElementById('align-picture').naturalWidth === 96");
+    let find = "of.focus(); return [of.style.left, of.style.top].map(parseFloat);";
+    for label in ["Corner upper-left", "Blend at the left edge", "Bend point column 0, row 0"] {
+        let share = handle(&mut browser, label, find);
+        let [x, y] = [0, 1].map(|axis| share[axis].as_f64().expect("a share in percent"));
+        let place = DVec2::new(x, y) / 100.0 * DVec2::new(96.0, 108.0);
+        let near = |seen: &DVec2| seen.distance(place) < 3.0;
+        wait::until(&format!("{label} at {place}"), || lit(&page).filter(near));
+    }
 }
 
 /// While the first of several changes is slow, the others wait for it, and none is lost.

@@ -22,6 +22,8 @@ let waiting = new Map();
 /** The wall may have the channel otherwise than the page shows it. */
 let isStale = false;
 let isLoading = false;
+/** The buttons on the picture, each with its handle. */
+let shown = [];
 /** The end of all work that has been begun, and how much of it is not done. */
 let turn = Promise.resolve();
 let turns = 0;
@@ -101,9 +103,10 @@ function remember(changes) {
 }
 
 /** Moves a handle to an offset, here at once and on the wall as soon as it can be. */
-function move(button, handle, to) {
+function move(handle, to) {
   handle.put(to);
-  place(button, handle);
+  // Pins and bend move other points, too.
+  shown.forEach((of) => place(...of));
   waiting.set(handle.label, handle.change(to));
   inTurn(() => send(takeWaiting()));
 }
@@ -128,7 +131,7 @@ function dragHandle(button, handle) {
     if ((!shift[0] && !shift[1]) || handle.staysAutomatic?.(to)) return;
     if (began.changes) remember(began.changes);
     began.changes = null;
-    move(button, handle, to);
+    move(handle, to);
   });
   for (const end of ["pointerup", "pointercancel"]) {
     button.addEventListener(end, () => { began = null; });
@@ -152,7 +155,7 @@ function keyHandle(button, handle) {
     const [dx, dy] = uprightShift(channel, arrow.map((part) => part * step));
     const offset = handle.offset();
     remember([before(handle)]);
-    move(button, handle, [offset[0] + dx, offset[1] + dy]);
+    move(handle, [offset[0] + dx, offset[1] + dy]);
   });
 }
 
@@ -161,9 +164,11 @@ function placeHandles() {
   const focused = document.activeElement?.dataset.handle;
   const area = byId("align-handles");
   area.replaceChildren();
+  shown = [];
   for (const handle of handlesOf(channel)) {
     const button = add(area, "button", { type: "button", className: `handle ${handle.kind}` });
     button.dataset.handle = handle.label;
+    shown.push([button, handle]);
     place(button, handle);
     dragHandle(button, handle);
     keyHandle(button, handle);
