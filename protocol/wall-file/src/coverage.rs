@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3, UVec2};
+use polyptych_wall::calibration_change::Edge;
 use polyptych_wall::channel_calibration::{Eye, StereoPacking};
 use polyptych_wall::channel_mapping::ChannelMapping;
 use polyptych_wall::wall_geometry::{ResolvedWall, ScreenGeometry, WallGeometry};
@@ -21,6 +22,10 @@ const SIDE_RANGE: (usize, usize) = (16, 256);
 
 /// Places along an edge that are checked for other channels.
 const EDGE_SAMPLES: u32 = 33;
+
+/// Distance inside the edges of what a file lights at which other channels are looked for, in
+/// pixels: an outline is known to about one.
+const LIT_INSIDE_PX: f64 = 1.0;
 
 /// Maximum distance of a projector's ray from the point that it was aimed at, as a share of its
 /// distance plus 1 m.
@@ -89,6 +94,7 @@ pub fn is_plain_tile(channel: &Channel) -> bool {
 #[derive(Debug)]
 pub struct Footprint<'a> {
     channel: &'a Channel,
+    shapes: &'a WallGeometry,
     ground: ScreenGeometry<'a>,
     map: Option<ChannelMapping<'a>>,
 }
@@ -102,7 +108,7 @@ impl<'a> Footprint<'a> {
     /// The footprint of a channel with the geometry of its calibration files.
     pub fn shaped(channel: &'a Channel, screen: &'a Screen, shapes: &'a WallGeometry) -> Self {
         let map = ChannelMapping::with_geometry(channel, screen, shapes);
-        Self { channel, ground: shapes.screen(screen), map }
+        Self { channel, shapes, ground: shapes.screen(screen), map }
     }
 
     /// Returns whether the channel shows this place of the canvas.
@@ -145,23 +151,46 @@ impl<'a> Footprint<'a> {
         is_placed && self.map.as_ref().is_some_and(ChannelMapping::is_resolved)
     }
 
-    /// The side at which this channel ends in a ramp without width, though another is there.
+    /// The side at which this channel ends in a ramp without width, though another is there with
+    /// which it shares light.
     pub fn hard_edge(&self, other: &Self) -> Option<&'static str> {
-        let size = self.channel.size.as_dvec2();
+        // No ramp is computed where a file says how light fades.
+        if [self, other].iter().any(|of| of.shapes.is_blended_by_file(of.channel)) {
+            return None;
+        }
         let edges = self.channel.adjustment.edges;
-        let along = |t: u32| (f64::from(t) + 0.5) / f64::from(EDGE_SAMPLES);
-        let sides: [(_, _, &dyn Fn(u32) -> DVec2); 4] = [
-            ("left", edges.left, &|t| DVec2::new(0.5, along(t) * size.y)),
-            ("right", edges.right, &|t| DVec2::new(size.x - 0.5, along(t) * size.y)),
-            ("top", edges.top, &|t| DVec2::new(along(t) * size.x, 0.5)),
-            ("bottom", edges.bottom, &|t| DVec2::new(along(t) * size.x, size.y - 0.5)),
+        let sides = [
+            (Edge::Left, edges.left),
+            (Edge::Right, edges.right),
+            (Edge::Top, edges.top),
+            (Edge::Bottom, edges.bottom),
         ];
         let map = self.map.as_ref()?;
-        let is_there =
-            |pixel| map.canvas_from_pixel(pixel).is_some_and(|canvas| other.covers(canvas));
-        let hard = sides.into_iter().filter(|(_, edge, _)| *edge == Some(0.0));
-        let mut met = hard.filter(|(_, _, at)| (0..EDGE_SAMPLES).any(|t| is_there(at(t))));
-        met.next().map(|(name, _, _)| name)
+        let is_there = |side: Edge, t: u32| {
+            let along = (f64::from(t) + 0.5) / f64::from(EDGE_SAMPLES);
+            let pixel = self.edge_place(map, side, along);
+            let canvas = pixel.and_then(|pixel| map.canvas_from_pixel(pixel));
+            canvas.is_some_and(|canvas| other.covers(canvas))
+        };
+        let mut hard = sides.into_iter().filter(|(_, edge)| *edge == Some(0.0));
+        let met = hard.find(|(side, _)| (0..EDGE_SAMPLES).any(|t| is_there(*side, t)));
+        met.map(|(side, _)| side.name())
+    }
+
+    /// A place of the picture just inside of a side, so far along it, from 0 to 1: of the part that
+    /// its file lights, if one places it, for the rest is dark.
+    fn edge_place(&self, map: &ChannelMapping<'_>, side: Edge, along: f64) -> Option<DVec2> {
+        if let Some(meant) = self.shapes.lit_edge(self.channel, side, along, LIT_INSIDE_PX) {
+            return map.pixel_from_ideal(meant);
+        }
+        let size = self.channel.size.as_dvec2();
+        let at = size * along;
+        Some(match side {
+            Edge::Left => DVec2::new(0.5, at.y),
+            Edge::Right => DVec2::new(size.x - 0.5, at.y),
+            Edge::Top => DVec2::new(at.x, 0.5),
+            Edge::Bottom => DVec2::new(at.x, size.y - 0.5),
+        })
     }
 }
 

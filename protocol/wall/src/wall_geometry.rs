@@ -14,9 +14,10 @@ use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 
+use super::calibration_change::Edge;
 use super::calibration_maps::CalibrationMaps;
 use super::channel_mapping::ChannelMapping;
-use super::lit_area::LitArea;
+use super::lit_area::{self, LitArea};
 use super::mesh_bvh::{Hit, MeshBvh};
 use super::projector::Projector;
 use super::warp::{WarpGeometry, WarpMap};
@@ -153,6 +154,26 @@ impl WallGeometry {
     /// Returns the part of a channel's picture that its warp lights.
     pub(super) fn lit_area_of(&self, channel: &Channel) -> Option<&LitArea> {
         self.channels.get(&channel.name).map(|shape| shape.outline.as_ref())
+    }
+
+    /// Returns a place beside a side of what a channel's warp lights: so far along it, from 0 to 1,
+    /// and so many pixels inside, in pixels before pins and bends. `None` without a warp.
+    pub fn lit_edge(
+        &self,
+        channel: &Channel,
+        side: Edge,
+        along: f64,
+        inside: f64,
+    ) -> Option<DVec2> {
+        let outline = self.lit_area_of(channel)?;
+        let (side, inward) = match side {
+            Edge::Left => (lit_area::Edge::Left, DVec2::X),
+            Edge::Right => (lit_area::Edge::Right, DVec2::NEG_X),
+            Edge::Top => (lit_area::Edge::Top, DVec2::Y),
+            Edge::Bottom => (lit_area::Edge::Bottom, DVec2::NEG_Y),
+        };
+        let beside = outline.low.lerp(outline.high, along);
+        Some(outline.snap_to_edge(side, beside) + inward * inside)
     }
 
     /// Returns whether a channel's own files share its light with others, so that nothing is

@@ -104,6 +104,19 @@ fn blends_of_a_channel_for_both_eyes_add_up_for_each() {
 }
 
 #[test]
+fn a_ramp_without_width_is_a_line_and_no_more_light() {
+    let text = format!("{TWO_BY_TWO}\noverlap = [96, 0]");
+    let mut wall = crate::parse(&text, "wall.toml".as_ref()).unwrap();
+    // As someone may tune it on the running wall.
+    let right = wall.channels.iter_mut().find(|channel| channel.name == "front-2-1").unwrap();
+    right.adjustment.edges.left = Some(0.0);
+    let table = CheckReport::from_wall(&wall);
+    assert!(table.blends.iter().all(|blend| (blend.light - 1.0).abs() < 1e-9), "{table}");
+    let line = table.warnings.iter().find(|line| line.contains("has no width"));
+    assert!(line.is_some_and(|line| line.ends_with("its light ends in a line")), "{table}");
+}
+
+#[test]
 fn overlaps_are_in_the_table() {
     let table = config("powerwall-overlap.toml");
     let coverage = &table.screens[0].coverage[0];

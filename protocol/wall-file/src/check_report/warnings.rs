@@ -168,7 +168,7 @@ fn overlaps(wall: &Wall, index: usize, screen: &ScreenRow, coverage: &CoverageRo
         // Corners of a grid meet in small squares, which is as it should be.
         let is_sliver = width.min(height) < OVERLAP_PX_MIN && width.max(height) > OVERLAP_PX_MIN;
         let what = if !overlap.is_blended {
-            "a ramp has no width there, so that the overlap is twice as bright"
+            "a ramp has no width there, so that its light ends in a line"
         } else if is_sliver && coverage.step_px == [0.0; 2] {
             "too narrow to be blended without a line"
         } else if is_by_hand {

@@ -1,5 +1,15 @@
 //! Holes and overlaps, counted and sampled.
 
+use std::sync::Arc;
+
+use glam::{Vec2, Vec3};
+use polyptych_files::blob::BlobHash;
+use polyptych_wall::calibration_maps::CalibrationMaps;
+use polyptych_wall::warp::{
+    CalibrationMap, ImportedMesh, ImportedVertex, MapCoordinates, WarpGeometry, WarpMap,
+};
+use polyptych_wall::{Ramps, Wall};
+
 use super::*;
 
 fn of(text: &str) -> Vec<Coverage> {
@@ -124,6 +134,44 @@ fn ramps_without_width_are_not_blended() {
     wall.channels[1].adjustment.edges.left = None;
     wall.channels[1].adjustment.edges.right = Some(0.0);
     assert!(coverage(&wall, 0)[0].overlaps[0].is_blended, "at that edge it is alone");
+    wall.channels[1].adjustment.edges.left = Some(0.0);
+    wall.channels[0].adjustment.ramps = Ramps::Alpha;
+    assert!(coverage(&wall, 0)[0].overlaps[0].is_blended, "its file fades the other one");
+}
+
+/// A warp that lights the left `share` of a picture, and with it some of the canvas's width.
+fn lit_strip(share: f32, [from, to]: [f32; 2]) -> CalibrationMap {
+    let corner = |index: u8| {
+        let (x, y) = (f32::from(index % 2), f32::from(index / 2));
+        let (place, value) = (Vec2::new(x * share, y), Vec3::new(from + x * (to - from), y, 0.0));
+        ImportedVertex { place, value, light: 1.0 }
+    };
+    let triangles = vec![[0, 1, 2], [3, 2, 1]];
+    let mesh = ImportedMesh { vertices: (0..4).map(corner).collect(), triangles };
+    CalibrationMap::Warp(WarpMap { space: MapCoordinates::Canvas, shape: WarpGeometry::Mesh(mesh) })
+}
+
+#[test]
+fn ramps_without_width_are_found_where_the_light_of_a_warp_ends() {
+    let warps = "[channel.c0]\nwarp = \"c0.pfm\"\n[channel.c1]\nwarp = \"c1.pfm\"\n";
+    let text = by_hand(&[[0, 0, 200, 100], [0, 0, 200, 100]], warps);
+    let mut wall = crate::parse(&text, "wall.toml".as_ref()).unwrap();
+    for (index, file) in (0_u8..).zip(&mut wall.files) {
+        file.blob = Some(BlobHash([index; 32]));
+    }
+    // The right fifth of the first picture is dark.
+    let made = [lit_strip(0.8, [0.0, 0.6]), lit_strip(1.0, [0.4, 1.0])];
+    let maps =
+        CalibrationMaps::load(&wall, |hash| Ok(Arc::new(made[usize::from(hash.0[0])].clone())));
+    let shapes = WallGeometry::new(&wall, &maps.expect("sound"));
+    let is_blended = |wall: &Wall| {
+        let found = coverage(ResolvedWall { wall, shapes: &shapes }, 0);
+        found[0].overlaps[0].is_blended
+    };
+    wall.channels[0].adjustment.edges.left = Some(0.0);
+    assert!(is_blended(&wall), "at that edge it is alone");
+    wall.channels[0].adjustment.edges.right = Some(0.0);
+    assert!(!is_blended(&wall));
 }
 
 #[test]
