@@ -13,7 +13,7 @@ use polyptych_wall::{ChannelCalibration, ChannelId, Wall};
 use winit::dpi::PhysicalSize;
 
 use crate::connection_status::ServerInfo;
-use crate::frame_scheduler::FrameKey;
+use crate::frame_scheduler::{DrawnFrames, FrameKey};
 use crate::mismatch::{DisplayMismatch, MonitorAssignment, NOTE_TIME, NoteTime, Sizes, mismatch};
 use crate::presentation_state::{DisplayContent, PresentationState};
 use crate::window_output::WindowOutput;
@@ -30,6 +30,8 @@ pub(crate) struct ChannelOutput {
     enlarged: Option<OutputTexture>,
     /// The last placement of the window by the wall; a user may have moved it since.
     arranged: Option<WindowRect>,
+    /// The frames whose pictures are here, and no others may be shown.
+    pub drawn: DrawnFrames,
     /// The picture that the display took last. A frame is drawn while the one before is shown, and
     /// a display may have to show that again at any time: uncovered, frozen, or with words over it.
     shown: Option<PresentedImage>,
@@ -94,6 +96,7 @@ impl ChannelOutput {
             corrected: None,
             enlarged: None,
             arranged: None,
+            drawn: DrawnFrames::default(),
             shown: None,
             aside: None,
             spare: None,
@@ -215,6 +218,7 @@ impl ChannelOutput {
     /// # Errors
     /// Why the window can't be drawn to any more.
     pub fn reopen(&mut self, gpu: &Gpu, hangs: bool) -> Result<(), String> {
+        self.drawn = DrawnFrames::default();
         let pictures = (self.shown.take(), self.aside.take(), self.spare.take());
         let old = (self.target.take(), self.corrected.take(), self.enlarged.take(), pictures);
         if hangs {
@@ -328,10 +332,10 @@ impl ChannelOutput {
         self.shown = picture.map(|picture| PresentedImage { picture, idle: None });
     }
 
-    /// Keeps the picture of this frame, which was drawn last, while the next one is drawn.
+    /// Keeps the picture of this frame, if it was drawn, while the next one is drawn.
     pub fn keep_aside(&mut self, gpu: &Gpu, key: FrameKey) {
         let is_kept = self.aside.as_ref().is_some_and(|(of, _)| *of == key);
-        if is_kept || matches!(self.surface, OutputSurface::Nowhere) {
+        if is_kept || !self.drawn.has(key) || matches!(self.surface, OutputSurface::Nowhere) {
             return;
         }
         if let Some((_, old)) = self.aside.take() {

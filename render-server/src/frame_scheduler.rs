@@ -52,6 +52,23 @@ pub enum FrameAction {
     },
 }
 
+/// The last frames that a channel drew: the two that may still be shown. Another channel of the
+/// same server may have drawn one that this one could not.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct DrawnFrames([Option<FrameKey>; 2]);
+
+impl DrawnFrames {
+    /// The channel has drawn this frame.
+    pub fn add(&mut self, key: FrameKey) {
+        self.0 = [Some(key), self.0[0]];
+    }
+
+    /// Returns whether the channel has drawn this frame.
+    pub fn has(&self, key: FrameKey) -> bool {
+        self.0.contains(&Some(key))
+    }
+}
+
 /// The newest commands that wait, and what was done.
 #[derive(Debug, Default)]
 pub struct FrameScheduler {
@@ -124,7 +141,7 @@ impl FrameScheduler {
         Some(FrameAction::Draw { frame, keep })
     }
 
-    /// The channels have drawn this frame in this time; it may be shown. `Some` is to be done at
+    /// Channels have drawn this frame in this time; they may show it. `Some` is to be done at
     /// once: where the wall did not wait for it, its swap is there already, and the next one would
     /// take its place.
     pub fn frame_drawn(

@@ -34,7 +34,9 @@ impl RenderThread {
         for index in 0..self.outputs.len() {
             let output = &mut self.outputs[index];
             let Some((id, _)) = wall.channel_by_name(&output.name) else { continue };
-            if output.picture().is_none() {
+            if !output.drawn.has((epoch, frame)) {
+                // It keeps its picture, in the mode of this frame.
+                self.show_again(index);
                 continue;
             }
             if is_taken {

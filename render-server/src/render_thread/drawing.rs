@@ -57,7 +57,7 @@ impl<S> ChannelFrame<S> {
 }
 
 impl RenderThread {
-    /// Draws a frame on all channels, where its state is here.
+    /// Draws a frame on all channels, where its state is here. It may be shown on those that could.
     pub(super) fn draw(&mut self, frame: &Frame) {
         let _span = tracing::error_span!("draw", frame = frame.frame.0).entered();
         if !self.promote(frame.epoch, frame.revision) {
@@ -73,7 +73,8 @@ impl RenderThread {
         let scene = self.scene_at(scene, state.motion.as_deref(), &frame.clips);
         let Some(wall) = state.replica.wall.as_deref() else { return };
         let began = Instant::now();
-        let (mut is_drawn, mut begun) = (true, Vec::with_capacity(self.outputs.len()));
+        let (mut is_whole, mut begun) = (true, Vec::with_capacity(self.outputs.len()));
+        let key = (frame.epoch, frame.frame);
         let failed = |this: &Self, id, reason| {
             this.send(render_event::draw_failed(frame.frame, id, reason));
             false
@@ -86,7 +87,7 @@ impl RenderThread {
             }
             match self.begin_channel(index, (wall, id), frame, &scene, &correctors) {
                 Ok(step) => begun.push(ChannelFrame { index, id, begin: start.elapsed(), step }),
-                Err(reason) => is_drawn = failed(self, id, reason),
+                Err(reason) => is_whole = failed(self, id, reason),
             }
         }
         let (mut before, mut submitted) = (Instant::now(), Vec::with_capacity(begun.len()));
@@ -94,13 +95,14 @@ impl RenderThread {
             let id = channel.id;
             match self.submit_channel(channel, wall, &scene, &correctors) {
                 Ok(channel) => submitted.push(channel),
-                Err(reason) => is_drawn = failed(self, id, reason),
+                Err(reason) => is_whole = failed(self, id, reason),
             }
         }
         for channel in submitted {
             let ChannelFrame { index, id, begin, .. } = channel;
             match self.finish_channel(channel) {
                 Ok((stats, done)) => {
+                    self.outputs[index].drawn.add(key);
                     // Channels are a pipeline: each adds the time from the end of the one before
                     // to its own, and the times of all are that of the frame.
                     let own = begin + done.saturating_duration_since(before);
@@ -111,9 +113,11 @@ impl RenderThread {
                         self.send_capture(index, (frame.frame, id), side);
                     }
                 }
-                Err(reason) => is_drawn = failed(self, id, reason),
+                Err(reason) => is_whole = failed(self, id, reason),
             }
         }
+        // A channel that could not draw must not hold up those that did.
+        let is_drawn = is_whole || self.outputs.iter().any(|output| output.drawn.has(key));
         // An ordinary frame may be drawn before a metered one is shown, which it leaves in place.
         if frame.is_metered && is_drawn {
             self.to_meter = Some(Box::new(frame.clone()));

@@ -1,5 +1,6 @@
 //! The content of displays, from commands to pixels: without windows or sockets.
 
+mod faults;
 mod metering;
 mod preparation;
 mod resolution;

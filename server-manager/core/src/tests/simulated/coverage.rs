@@ -73,7 +73,7 @@ impl Coverage {
 }
 
 /// The events that ten thousand schedules must have had.
-const WHAT_MUST_HAPPEN: [&str; 32] = [
+const WHAT_MUST_HAPPEN: [&str; 33] = [
     "camera moved by a mouse",
     "client disconnected",
     "connection cut",
@@ -87,6 +87,7 @@ const WHAT_MUST_HAPPEN: [&str; 32] = [
     "import failed",
     "loads slow",
     "frame sent ahead",
+    "frame shown but on a channel that could not draw it",
     "manager killed",
     "manager killed between two outputs",
     "manager silent for a server",

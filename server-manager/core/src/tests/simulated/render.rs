@@ -25,8 +25,8 @@ pub enum Job {
 /// The present work of the thread.
 #[derive(Debug)]
 pub enum Drawing {
-    /// A frame, one channel after the other.
-    Frame { frame: Box<Frame>, channel: usize, began: Micros, is_good: bool },
+    /// A frame, one channel after the other; `is_drawn` once one of them has drawn it.
+    Frame { frame: Box<Frame>, channel: usize, began: Micros, is_drawn: bool },
     /// A new state, where nobody sees it.
     WarmUp(Box<State>),
 }
@@ -140,7 +140,7 @@ impl Simulation {
         self.servers[index].frame_began = began;
         self.draw_until(
             index,
-            Drawing::Frame { frame, channel: 0, began, is_good: true },
+            Drawing::Frame { frame, channel: 0, began, is_drawn: false },
             takes_us,
         );
     }
@@ -163,17 +163,17 @@ impl Simulation {
                 states.push_back((*state).clone());
                 self.finished(index, &state)?;
             }
-            Some(Drawing::Frame { frame, channel, began, is_good }) => {
-                let is_good = self.drew_channel(index, &frame, channel, began) && is_good;
+            Some(Drawing::Frame { frame, channel, began, is_drawn }) => {
+                let is_drawn = self.drew_channel(index, &frame, channel, began) || is_drawn;
                 if channel + 1 < self.servers[index].channels.len() {
                     let takes_us = self.drawing_time(index);
                     let began = self.now;
                     let channel = channel + 1;
-                    let drawing = Drawing::Frame { frame, channel, began, is_good };
+                    let drawing = Drawing::Frame { frame, channel, began, is_drawn };
                     self.draw_until(index, drawing, takes_us);
                     return Ok(());
                 }
-                if is_good {
+                if is_drawn {
                     let server = &mut self.servers[index];
                     let manager_us = server.manager_us(self.now);
                     let took = Duration::from_micros(self.now - server.frame_began);
@@ -207,6 +207,7 @@ impl Simulation {
             self.report(index, ServerMessage::DrawFailed { channel, frame: number, reason });
             return false;
         }
+        server.drawn.entry(channel).or_default().add((epoch, number));
         server.targets.insert(channel, DrawnImage { epoch, frame: number, revision, digest });
         let drawn = FrameRendered {
             epoch,
@@ -251,6 +252,10 @@ impl Simulation {
         }
         for channel in server.channels.clone() {
             let server = &self.servers[index];
+            if !server.drawn.get(&channel).is_some_and(|drawn| drawn.has((epoch, frame))) {
+                self.coverage.count("frame shown but on a channel that could not draw it");
+                continue;
+            }
             let aside = server.aside.get(&channel);
             let aside = aside.filter(|of| (of.epoch, of.frame) == (epoch, frame));
             let picture = aside.or_else(|| server.targets.get(&channel)).copied();

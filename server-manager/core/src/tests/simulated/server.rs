@@ -16,7 +16,7 @@ use polyptych_wall::ChannelId;
 use super::super::Micros;
 use super::clock::ClockEstimate;
 use super::network::{Link, LinkId, Packet, Side};
-use super::playback::{FrameKey, FrameScheduler};
+use super::playback::{DrawnFrames, FrameKey, FrameScheduler};
 use super::render::{Drawing, Job};
 use super::world::{Check, SimEvent, Simulation};
 
@@ -115,6 +115,8 @@ pub struct Server {
     pub states: VecDeque<State>,
     pub drawing: Option<Drawing>,
     pub is_waking: bool,
+    /// The frames that may be shown.
+    pub drawn: BTreeMap<ChannelId, DrawnFrames>,
     pub targets: BTreeMap<ChannelId, DrawnImage>,
     /// Pictures that wait for their swap while the next ones are drawn.
     pub aside: BTreeMap<ChannelId, DrawnImage>,
@@ -156,6 +158,7 @@ impl Server {
             states: VecDeque::new(),
             drawing: None,
             is_waking: false,
+            drawn: BTreeMap::new(),
             targets: BTreeMap::new(),
             aside: BTreeMap::new(),
             draw_us,

@@ -1,0 +1,60 @@
+//! Channels that cannot draw, beside those of the same server that can.
+
+use super::*;
+
+impl RenderThreadFixture {
+    /// Draws and shows a frame. Returns the channels that drew it, whose pictures were sent, that
+    /// failed, and that showed it.
+    fn told(&mut self, exposure: f32) -> [Vec<u16>; 4] {
+        self.draw(exposure, OutputMode::Normal);
+        let (frame, not_after_us, present_at_us) = (FrameId(self.frame), u64::MAX, None);
+        let swap = Swap { epoch: EPOCH, frame, not_after_us, present_at_us };
+        self.thread.handle(RenderTask::Swap(swap));
+        self.turn();
+        let mut told: [Vec<u16>; 4] = Default::default();
+        while let Ok(report) = self.reports.try_recv() {
+            let (index, channel) = match report {
+                RenderEvent::Status(ServerMessage::Drawn(of)) => (0, of.channel),
+                RenderEvent::Picture(of) => (1, of.channel),
+                RenderEvent::Status(ServerMessage::DrawFailed { channel, .. }) => (2, channel),
+                RenderEvent::Status(ServerMessage::Shown(of)) => (3, of.channel),
+                RenderEvent::Status(_) => continue,
+            };
+            told[index].push(channel.0);
+        }
+        told
+    }
+}
+
+#[test]
+fn a_channel_that_cannot_draw_does_not_hold_up_the_others_of_its_server() {
+    let mut stage = RenderThreadFixture::new();
+    let beside = ChannelOutput::offscreen(&stage.thread.gpu, "front-1-2", SIZE, None);
+    stage.thread.outputs.push(beside);
+    let two = |width| {
+        let mut wall = wall();
+        wall.screens[0].canvas.x *= 2;
+        let (origin, size) = (UVec2::new(SIZE[0], 0), UVec2::new(width, SIZE[1]));
+        let channel = Channel::tile("front-1-2", 0, origin, size);
+        wall.channels.push(Channel { server: "left".into(), ..channel });
+        wall
+    };
+    let seen = |stage: &RenderThreadFixture| {
+        let outputs = stage.thread.outputs.iter();
+        outputs.map(|output| output.read_back(&stage.thread.gpu)).collect::<Vec<_>>()
+    };
+    stage.prepare(two(SIZE[0]));
+    assert_eq!(stage.told(0.5), [vec![0u16, 1], vec![0, 1], vec![], vec![0, 1]]);
+    let before = seen(&stage);
+    // No adapter has a texture of this width.
+    stage.prepare(two(1 << 24));
+    for exposure in [0.7, 0.9] {
+        assert_eq!(stage.told(exposure), [vec![0u16], vec![0], vec![1], vec![0]]);
+    }
+    let during = seen(&stage);
+    assert_ne!(during[0], before[0], "it goes on");
+    assert_eq!(during[1], before[1], "it keeps its picture");
+    stage.prepare(two(SIZE[0]));
+    assert_eq!(stage.told(0.3), [vec![0u16, 1], vec![0, 1], vec![], vec![0, 1]]);
+    assert_ne!(seen(&stage)[1], before[1]);
+}
