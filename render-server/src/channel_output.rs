@@ -51,6 +51,9 @@ pub(crate) struct ChannelOutput {
     pub present_fault: Option<String>,
     /// The warning that the manager knows.
     pub reported: Option<String>,
+    /// For a test: its display takes no frames.
+    #[cfg(test)]
+    pub is_broken: bool,
 }
 
 /// The properties of a channel's display that a wall states.
@@ -106,6 +109,8 @@ impl ChannelOutput {
             note: NoteTime::default(),
             present_fault: None,
             reported: None,
+            #[cfg(test)]
+            is_broken: false,
         }
     }
 
@@ -394,6 +399,8 @@ impl ChannelOutput {
         match &mut self.surface {
             OutputSurface::Nowhere => Ok(()),
             OutputSurface::Window(display) => display.present(gpu, picture, &labels),
+            #[cfg(test)]
+            OutputSurface::Offscreen(_) if self.is_broken => Err("it is to be so".to_owned()),
             #[cfg(test)]
             OutputSurface::Offscreen(offscreen) => {
                 let (output, surface) = &mut **offscreen;

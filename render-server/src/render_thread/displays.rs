@@ -42,15 +42,18 @@ impl RenderThread {
             if is_taken {
                 output.latch_image(&self.gpu, (epoch, frame));
             }
-            let presented = output.present(&self.gpu, &self.showing, &self.identity);
-            let fault = presented.as_ref().err().cloned();
-            is_news |= output.present_fault != fault;
-            output.present_fault = fault;
-            match presented {
-                Ok(()) => {
-                    self.send(render_event::shown(epoch, frame, id, &self.clock, is_unscheduled));
+            let fault = output.present(&self.gpu, &self.showing, &self.identity).err();
+            let is_shown = fault.is_none();
+            if output.present_fault != fault {
+                if let Some(reason) = &fault {
+                    tracing::warn!(channel = output.name, reason, "its display takes no frames");
                 }
-                Err(reason) => self.send(render_event::draw_failed(frame, id, reason)),
+                (output.present_fault, is_news) = (fault, true);
+            }
+            // A fault is told as the display's: the channel has drawn, and its picture may be on
+            // the way to somebody who asked for it.
+            if is_shown {
+                self.send(render_event::shown(epoch, frame, id, &self.clock, is_unscheduled));
             }
         }
         if is_news {

@@ -1,4 +1,4 @@
-//! Channels that cannot draw, beside those of the same server that can.
+//! Channels that cannot draw, beside those that can, and displays that take no frames.
 
 use super::*;
 
@@ -57,4 +57,19 @@ fn a_channel_that_cannot_draw_does_not_hold_up_the_others_of_its_server() {
     stage.prepare(two(SIZE[0]));
     assert_eq!(stage.told(0.3), [vec![0u16, 1], vec![0, 1], vec![], vec![0, 1]]);
     assert_ne!(seen(&stage)[1], before[1]);
+}
+
+#[test]
+fn a_display_that_takes_no_frames_does_not_cost_the_picture_that_somebody_asked_for() {
+    let mut stage = RenderThreadFixture::new();
+    stage.thread.outputs[0].is_broken = true;
+    for exposure in [0.5, 0.9] {
+        // A failure to draw would have the manager drop the picture.
+        assert_eq!(stage.told(exposure), [vec![0u16], vec![0], vec![], vec![]]);
+    }
+    let reported = stage.thread.outputs[0].reported.as_deref();
+    assert_eq!(reported, Some("its display takes no frames: it is to be so"));
+    stage.thread.outputs[0].is_broken = false;
+    assert_eq!(stage.told(0.7), [vec![0u16], vec![0], vec![], vec![0]]);
+    assert_eq!(stage.thread.outputs[0].reported, None);
 }
