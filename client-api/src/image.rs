@@ -27,7 +27,8 @@ pub struct Capture {
     pub screens: Vec<Image>,
     /// One for each channel that sent a picture, in the wall's order.
     pub channels: Vec<Image>,
-    /// The channels that sent none, by name, each with the reason.
+    /// The channels that sent none, or whose place on the screen could not be read, by name, each
+    /// with the reason.
     pub missing: Vec<(String, String)>,
 }
 

@@ -13,7 +13,8 @@ pub struct CaptureInfo {
     pub frame: FrameId,
     /// One for each screen, then one for each channel.
     pub pictures: Vec<ImageInfo>,
-    /// Channels that sent none, with the reason; their part of the screen is left dark.
+    /// Channels that sent none, or whose place on the screen could not be read, with the reason;
+    /// their part of the screen is left dark.
     #[serde(deserialize_with = "text_of_peer")]
     pub missing: Vec<(String, String)>,
 }

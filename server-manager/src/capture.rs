@@ -100,7 +100,7 @@ pub struct CaptureJob {
     /// The side of the squares of pixels that the pictures have the mean light of.
     side: NonZeroU32,
     /// Channels that will send none, with the reason.
-    pub missing: Vec<(String, String)>,
+    missing: Vec<(String, String)>,
     parts: Vec<ChannelImage>,
     /// The wall, tuned as the frame shows it.
     wall: Wall,
@@ -240,11 +240,21 @@ impl CaptureJob {
     }
 
     /// A picture for each screen and eye, then one for each channel that sent its own, as its
-    /// display gets it; and the room that they take. What the right eye sees of a screen, where
-    /// that is something else, has the screen's name and `-right` ([`right_eye_name`]).
-    pub fn stitch(self) -> (Vec<CaptureImage>, BudgetGuard) {
+    /// display gets it; the channels that are missing in the screens' pictures, with the reason;
+    /// and the room that all take. What the right eye sees of a screen, where that is something
+    /// else, has the screen's name and `-right` ([`right_eye_name`]).
+    pub fn stitch(mut self) -> (Vec<CaptureImage>, Vec<(String, String)>, BudgetGuard) {
         let wall = &self.wall;
-        let shapes = self.shapes.get(wall);
+        let shapes = self.shapes.get(wall).unwrap_or_else(|reason| {
+            tracing::warn!(reason, "channels that files place are not in the picture");
+            let is_unknown = |part: &&ChannelImage| {
+                wall.channel_mapping(part.channel).is_some_and(|of| !of.is_resolved())
+            };
+            let unknown = self.parts.iter().filter(is_unknown);
+            let reason = format!("its place on the screen could not be read: {reason}");
+            self.missing.extend(unknown.map(|part| (part.name.clone(), reason.clone())));
+            Arc::default()
+        });
         let of = ResolvedWall { wall, shapes: &shapes };
         let mut pictures = Vec::new();
         for index in 0..u16::try_from(wall.screens.len()).unwrap_or(u16::MAX) {
@@ -256,7 +266,7 @@ impl CaptureJob {
             let info = ImageInfo { name, is_screen: false, width, height };
             pictures.push(CaptureImage { info, rgba: bytes });
         }
-        (pictures, self.room)
+        (pictures, self.missing, self.room)
     }
 }
 

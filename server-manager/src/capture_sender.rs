@@ -12,13 +12,12 @@ use crate::session::ClientHandle;
 /// are copied for it at a time, and its other answers overtake them.
 pub(crate) async fn send_capture(collection: CaptureJob, link: ClientHandle) {
     let (id, frame) = (collection.job.id, collection.frame);
-    let missing = collection.missing.clone();
     let stitched = tokio::task::spawn_blocking(move || collection.stitch()).await;
     let reply = match stitched {
         Err(error) => {
             Err(RequestError::new(format!("the pictures could not be stitched: {error}")))
         }
-        Ok((pictures, _room)) => {
+        Ok((pictures, missing, _room)) => {
             let infos = pictures.iter().map(|picture| picture.info.clone()).collect();
             for (index, picture) in pictures.into_iter().enumerate() {
                 let rgba = bytes::Bytes::from(picture.rgba);

@@ -21,24 +21,19 @@ impl GeometryCache {
         Self { folder, known: Arc::default() }
     }
 
-    /// The shapes of this wall; slow at the first time. Where a blob is gone the log says so,
-    /// and the wall is shown as if nobody had its files.
-    pub fn get(&self, wall: &Wall) -> Arc<WallGeometry> {
+    /// The shapes of this wall; slow at the first time.
+    ///
+    /// # Errors
+    /// The key and the file whose blob is gone or damaged; it is looked for again the next time.
+    pub fn get(&self, wall: &Wall) -> Result<Arc<WallGeometry>, String> {
         if wall.files.is_empty() {
-            return Arc::default();
+            return Ok(Arc::default());
         }
         if let Some(known) = self.known.get() {
-            return Arc::clone(known);
+            return Ok(Arc::clone(known));
         }
-        match read_wall_files(wall, &self.folder) {
-            // Maps are let go: of millions of points, a mesh keeps some thousand.
-            Ok(maps) => {
-                Arc::clone(self.known.get_or_init(|| WallGeometry::new(wall, &maps).into()))
-            }
-            Err(reason) => {
-                tracing::warn!(reason, "channels that files place are not in the picture");
-                Arc::default()
-            }
-        }
+        let maps = read_wall_files(wall, &self.folder)?;
+        // Maps are let go: of millions of points, a mesh keeps some thousand.
+        Ok(Arc::clone(self.known.get_or_init(|| WallGeometry::new(wall, &maps).into())))
     }
 }

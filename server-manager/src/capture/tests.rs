@@ -4,11 +4,13 @@ use std::num::NonZeroU32;
 
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_core::SessionId;
-use polyptych_files::blob::BlobStore;
+use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::ids::RequestId;
 use polyptych_wall::blend::{BlendModel, ChannelMasks};
 use polyptych_wall::surface::{Plane, Surface};
-use polyptych_wall::{Eye, Orientation, Screen, StereoPacking};
+use polyptych_wall::{
+    CalibrationFile, CalibrationFileKind, ChannelKind, Eye, Orientation, Screen, StereoPacking,
+};
 
 use super::*;
 
@@ -30,6 +32,11 @@ fn stitched(wall: &Wall, pictures: &[Option<Vec<u8>>]) -> Vec<CaptureImage> {
 
 /// Stitches pictures of squares of pixels.
 fn stitched_by(side: NonZeroU32, wall: &Wall, pictures: &[Option<Vec<u8>>]) -> Vec<CaptureImage> {
+    collected(side, wall, pictures).stitch().0
+}
+
+/// Collects pictures of squares of pixels; no blob of the wall is there.
+fn collected(side: NonZeroU32, wall: &Wall, pictures: &[Option<Vec<u8>>]) -> CaptureJob {
     let room = CaptureBudget::default().reserve(wall, NonZeroU32::MIN).expect("room");
     let ids: Vec<_> = wall.channel_ids().collect();
     let shapes = GeometryCache::new(BlobStore::new("/nonexistent"));
@@ -45,7 +52,7 @@ fn stitched_by(side: NonZeroU32, wall: &Wall, pictures: &[Option<Vec<u8>>]) -> V
         collection.add(&chunk).expect("a piece that fits");
     }
     collection.expire();
-    collection.stitch().0
+    collection
 }
 
 /// Pixels that all differ.
@@ -207,4 +214,26 @@ fn each_eye_has_its_picture() {
     let pictures = stitched(&wall, &[Some(packed)]);
     let names: Vec<_> = pictures.iter().map(|picture| picture.info.name.as_str()).collect();
     assert_eq!(names, ["front", "front-right-eye", "front-right", "front-0"]);
+}
+
+#[test]
+fn a_channel_whose_place_cannot_be_read_is_said_to_be_missing() {
+    let mut wall = two_tiles(6);
+    wall.files.push(CalibrationFile {
+        path: "warp.pfm".to_owned(),
+        kind: CalibrationFileKind::Warp,
+        blob: Some(BlobHash([1; 32])),
+        is_for_one_eye: false,
+        front: Vec::new(),
+    });
+    wall.channels[1].cover = ChannelKind::Map;
+    wall.channels[1].adjustment.warp = Some(0);
+    let given = [Some(mixed(24, 1)), Some(mixed(24, 99))];
+    let (pictures, missing, _room) = collected(NonZeroU32::MIN, &wall, &given).stitch();
+    let [(name, reason)] = &missing[..] else { panic!("{missing:?}") };
+    assert_eq!(name, "front-6");
+    assert!(reason.contains("could not be read") && reason.contains("warp.pfm"), "{reason}");
+    let row = &pictures[0].rgba[..48];
+    assert!(row[..24] != DARK.repeat(6) && row[24..] == DARK.repeat(6), "its part is dark");
+    assert_eq!(Some(&pictures[2].rgba), given[1].as_ref(), "its own picture is there");
 }
