@@ -17,6 +17,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, select};
+use metering::DelayedMetering;
 use moment::DrawnMoment;
 use patterns::PatternImage;
 use polyptych_protocol::command::{Frame, Swap};
@@ -165,6 +166,10 @@ pub(crate) struct RenderThread {
     /// The last frame that was drawn and is to be metered, until it is shown; ordinary ones may
     /// have been drawn since.
     to_meter: Option<Box<Frame>>,
+    /// One that was shown and waits for its pipelines.
+    delayed_metering: Option<DelayedMetering>,
+    /// Frames have automatic exposure.
+    is_metering: bool,
     /// The test patterns of channels, by their names, while there are any.
     patterns: BTreeMap<String, PatternImage>,
     identity: ServerInfo,
@@ -201,6 +206,8 @@ impl RenderThread {
             preparation: None,
             showing: PresentationState::default(),
             to_meter: None,
+            delayed_metering: None,
+            is_metering: false,
             patterns: BTreeMap::new(),
             identity,
             names_sent: None,
@@ -260,6 +267,9 @@ impl RenderThread {
                 Err(_) => self.is_stopping = true,
             },
             recv(self.pipelines_made()) -> pipelines => self.take_pipelines(pipelines.ok()),
+            recv(self.metering_pipelines()) -> pipelines => {
+                self.take_metering_pipelines(pipelines.ok());
+            }
             default(self.note_wait().min(self.show_wait())) => self.end_notes(),
         }
     }
@@ -316,6 +326,7 @@ impl RenderThread {
                 if let Some(key) = keep {
                     self.outputs.iter_mut().for_each(|output| output.keep_aside(&self.gpu, key));
                 }
+                self.is_metering = frame.presentation.is_exposure_automatic;
                 self.draw(&frame);
                 self.upload_behind_frame();
             }
@@ -344,6 +355,8 @@ impl RenderThread {
         let samples = wall.samples;
         if self.renderer.samples() != samples {
             self.renderer = self.drawing.renderer(&self.gpu, samples)?;
+            // Its pipelines are those of the renderer before.
+            self.delayed_metering = None;
             let states: Vec<_> =
                 self.states.iter().map(|d| (Arc::clone(&d.state), Rc::clone(&d.scene))).collect();
             for (state, scene) in states {

@@ -22,7 +22,8 @@ impl Renderer {
     /// Draws views of the scene into a picture of this size in pixels and returns the luminance of
     /// each of its pixels that shows light of the scene, in the scene's units: where nothing is
     /// drawn, or unlit surfaces, there is none. Light of more than 16 stops above the white of the
-    /// first view's exposure counts as that.
+    /// first view's exposure counts as that. Pipelines that are missing for it are made first: see
+    /// [`super::PipelineNeeds::metering`].
     ///
     /// # Errors
     /// Those of [`Self::draw`].

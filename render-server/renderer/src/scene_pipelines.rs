@@ -18,18 +18,29 @@ pub struct PipelineNeeds {
     has_environment: bool,
     pub(crate) content: ImageEncoding,
     pub(crate) effects: LightEffects,
+    /// Its light is metered.
+    is_metered: bool,
 }
 
 impl PipelineNeeds {
     /// The needs of a scene that is drawn onto targets of this content, with these effects.
     pub fn new(scene: &GpuScene, content: ImageEncoding, effects: LightEffects) -> Self {
         let has_environment = scene.environment.is_some();
-        Self { layout: Arc::clone(&scene.layout), has_environment, content, effects }
+        let (layout, is_metered) = (Arc::clone(&scene.layout), false);
+        Self { layout, has_environment, content, effects, is_metered }
+    }
+
+    /// The needs of a scene whose light is metered ([`Renderer::luminances`](super::Renderer)),
+    /// where frames have these effects.
+    pub fn metering(scene: &GpuScene, effects: LightEffects) -> Self {
+        // What lies over the light of surfaces is left out, as in `BegunFrame::of_light`.
+        let effects = LightEffects { fog: effects.fog, ..LightEffects::NONE };
+        Self { is_metered: true, ..Self::new(scene, ImageEncoding::Srgb, effects) }
     }
 
     /// Returns whether it is drawn onto targets that hold light.
     pub(crate) fn is_light(&self) -> bool {
-        self.layout.blends || self.effects.mixes_light()
+        self.layout.blends || self.effects.mixes_light() || self.is_metered
     }
 
     pub(crate) fn variant(&self) -> PipelineVariant {

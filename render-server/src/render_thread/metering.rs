@@ -3,12 +3,13 @@
 use std::rc::Rc;
 use std::sync::Arc;
 
+use crossbeam_channel::{Receiver, TryRecvError, never};
 use polyptych_protocol::command::Frame;
 use polyptych_protocol::luminance::{LUMINANCE_COUNTS, luminance_index};
-use polyptych_renderer::{GpuScene, ViewDesc};
+use polyptych_renderer::{GpuScene, PipelineNeeds, ScenePipelines, ViewDesc};
 use polyptych_wall::{ChannelId, Wall};
 
-use super::{Correctors, RenderThread};
+use super::{Correctors, ReadyState, RenderThread};
 use crate::frame_scheduler::FrameKey;
 use crate::frame_views;
 use crate::render_event;
@@ -16,21 +17,74 @@ use crate::render_event;
 /// Pixels of a channel along each axis for one that is metered: a thing of 16 pixels counts.
 const PIXELS_PER_SAMPLE: u32 = 16;
 
+/// A frame that was shown and is metered as soon as the pipelines for that are made.
+pub(super) struct DelayedMetering {
+    frame: Box<Frame>,
+    /// Gives the pipelines; its sender is gone if they could not be made.
+    made: Receiver<ScenePipelines>,
+}
+
 impl RenderThread {
     /// Meters the frame that is to be metered, if it is this one, which is shown now, or an earlier
     /// one: the time until the next one is free. One that another state has replaced is not
-    /// metered.
+    /// metered. The first one waits for its pipelines, and nothing waits for it.
     pub(super) fn meter(&mut self, (epoch, shown): FrameKey) {
         // Another one may have been drawn ahead of its turn meanwhile.
         let is_due = |frame: &mut Box<Frame>| frame.epoch != epoch || frame.frame <= shown;
         let Some(frame) = self.to_meter.take_if(is_due) else { return };
+        if let Some(delayed) = &mut self.delayed_metering {
+            // The newest one is wanted. Pipelines are asked for here, too, since a thread whose
+            // next frame is always there already never waits.
+            delayed.frame = frame;
+            match delayed.made.try_recv() {
+                Ok(pipelines) => self.take_metering_pipelines(Some(pipelines)),
+                Err(TryRecvError::Disconnected) => self.take_metering_pipelines(None),
+                Err(TryRecvError::Empty) => {}
+            }
+        } else {
+            self.meter_or_delay(frame);
+        }
+    }
+
+    /// The pipelines that a frame waits for to be metered, once they are made on their thread;
+    /// never ready if none does.
+    pub(super) fn metering_pipelines(&self) -> Receiver<ScenePipelines> {
+        self.delayed_metering.as_ref().map_or_else(never, |delayed| delayed.made.clone())
+    }
+
+    /// Meters the frame that waited for these pipelines. Without them, since their thread failed,
+    /// they are made here.
+    pub(super) fn take_metering_pipelines(&mut self, pipelines: Option<ScenePipelines>) {
+        let Some(DelayedMetering { frame, .. }) = self.delayed_metering.take() else { return };
+        match pipelines {
+            Some(pipelines) => {
+                self.renderer.add_pipelines(pipelines);
+                self.meter_or_delay(frame);
+            }
+            None => self.meter_now(&frame),
+        }
+    }
+
+    /// Meters a frame, or has the pipelines for that made beside the next ones.
+    fn meter_or_delay(&mut self, frame: Box<Frame>) {
+        let Some(drawable) = self.state_of(&frame) else { return };
+        let needs = PipelineNeeds::metering(&drawable.scene, frame.presentation.effects());
+        if self.renderer.pipelines().meet(&needs) {
+            self.meter_now(&frame);
+        } else {
+            let made = self.make_pipelines(vec![needs]);
+            self.delayed_metering = Some(DelayedMetering { frame, made });
+        }
+    }
+
+    /// The state that a frame shows, unless another one has replaced it.
+    fn state_of(&self, frame: &Frame) -> Option<&ReadyState> {
         let is_its = |epoch, revision| (epoch, revision) == (frame.epoch, frame.revision);
-        let drawable = self.states.front();
-        let Some(drawable) =
-            drawable.filter(|it| is_its(it.state.epoch, it.state.replica.revision))
-        else {
-            return;
-        };
+        self.states.front().filter(|it| is_its(it.state.epoch, it.state.replica.revision))
+    }
+
+    fn meter_now(&mut self, frame: &Frame) {
+        let Some(drawable) = self.state_of(frame) else { return };
         let _span = tracing::error_span!("meter", frame = frame.frame.0).entered();
         let state = Arc::clone(&drawable.state);
         let correctors = Rc::clone(&drawable.correctors);
@@ -39,8 +93,8 @@ impl RenderThread {
         let Some(wall) = state.replica.wall.as_deref() else { return };
         for index in 0..self.outputs.len() {
             let Some((id, _)) = wall.channel_by_name(&self.outputs[index].name) else { continue };
-            match self.counts((wall, id), &frame, &scene, &correctors) {
-                Ok(counts) => self.send(render_event::luminance(&frame, id, counts)),
+            match self.counts((wall, id), frame, &scene, &correctors) {
+                Ok(counts) => self.send(render_event::luminance(frame, id, counts)),
                 // The manager does without.
                 Err(reason) => tracing::debug!(reason, "a channel could not be metered"),
             }

@@ -84,25 +84,29 @@ impl RenderThread {
             drop(answer.send(self.complete(state, scene, false)));
             return;
         }
-        let (sender, made) = bounded(1);
-        if !is_made {
-            let (gpu, mut pipelines, needs) = (self.gpu.clone(), own.clone(), needs.clone());
-            let make = move || {
-                for needs in &needs {
-                    pipelines.complete(&gpu, needs);
-                }
-                // The state may have been given up meanwhile.
-                let _ = sender.send(pipelines);
-            };
-            let made = thread::Builder::new().name("pipelines".into()).spawn(make);
-            if let Err(error) = made {
-                tracing::warn!(%error, "pipelines are made between frames");
-            }
-        }
+        let made = if is_made { never() } else { self.make_pipelines(needs.clone()) };
         let warm_up = (!needs.is_empty()).then_some((0, 0));
         let start = Instant::now();
         self.preparation =
             Some(Preparation { state, scene, needs, made, is_made, warm_up, start, answer });
+    }
+
+    /// Makes what is missing for these needs on a thread of its own. Gives all pipelines once they
+    /// are made; its sender is gone if that failed.
+    pub(super) fn make_pipelines(&self, needs: Vec<PipelineNeeds>) -> Receiver<ScenePipelines> {
+        let (sender, made) = bounded(1);
+        let (gpu, mut pipelines) = (self.gpu.clone(), self.renderer.pipelines().clone());
+        let make = move || {
+            for needs in &needs {
+                pipelines.complete(&gpu, needs);
+            }
+            // Those that they are for may have been given up meanwhile.
+            let _ = sender.send(pipelines);
+        };
+        if let Err(error) = thread::Builder::new().name("pipelines".into()).spawn(make) {
+            tracing::warn!(%error, "pipelines are made between frames");
+        }
+        made
     }
 
     /// The pipelines of the state that is prepared, once they are made on their thread; never ready
@@ -271,7 +275,8 @@ impl RenderThread {
         Ok(Rc::new(RefCell::new(correctors)))
     }
 
-    /// The needs of a scene for the targets that this server's channels have.
+    /// The needs of a scene for the targets that this server's channels have, and for its metering
+    /// where frames have automatic exposure.
     pub(super) fn needs(&self, state: &LoadedState, scene: &GpuScene) -> Vec<PipelineNeeds> {
         let is_corrected = |output: &ChannelOutput| state.plans.contains_key(&output.name);
         let contents = [(ImageEncoding::Srgb, false), (ImageEncoding::Light, true)];
@@ -279,7 +284,9 @@ impl RenderThread {
             self.outputs.iter().any(|output| is_corrected(output) == *corrected)
         });
         let effects = state.replica.effects;
-        used.map(|(content, _)| PipelineNeeds::new(scene, content, effects)).collect()
+        let metering = self.is_metering.then(|| PipelineNeeds::metering(scene, effects));
+        let drawing = used.map(|(content, _)| PipelineNeeds::new(scene, content, effects));
+        drawing.chain(metering).collect()
     }
 
     /// Makes the pipelines of a scene for these targets at once.

@@ -128,11 +128,11 @@ impl RenderThread {
             std::mem::forget(std::mem::take(&mut self.states));
             std::mem::forget((self.building.take(), self.moment.take()));
             std::mem::forget(self.preparation.take().map(Preparation::into_gpu_parts));
-            std::mem::forget(std::mem::take(&mut self.patterns));
+            std::mem::forget((std::mem::take(&mut self.patterns), self.delayed_metering.take()));
         }
         self.states.clear();
         (self.building, self.relayout, self.moment) = (None, None, None);
-        self.preparation = None;
+        (self.preparation, self.delayed_metering) = (None, None);
         self.patterns.clear();
         let Some(gpu) = self.reopen(begun)? else { return Ok(()) };
         let renderer = self.drawing.renderer(&gpu, self.renderer.samples())?;

@@ -160,6 +160,7 @@ impl RenderThreadFixture {
             presentation: Presentation {
                 exposure,
                 output_mode: display,
+                is_exposure_automatic: self.is_metered,
                 ..Presentation::new(HeadPose::facing_forward(DVec3::ZERO, 0.0))
             },
             capture: Some(NonZeroU32::MIN),

@@ -1,5 +1,6 @@
 //! Frames that are metered once they are shown.
 
+use super::preparation::shown;
 use super::*;
 
 impl RenderThreadFixture {
@@ -17,6 +18,11 @@ impl RenderThreadFixture {
         let swap = Swap { epoch: EPOCH, frame, not_after_us, present_at_us };
         self.thread.handle(RenderTask::Swap(swap));
         self.turn();
+        self.metered()
+    }
+
+    /// Returns the frames that were metered since the last call.
+    fn metered(&mut self) -> Vec<u64> {
         let reports = std::iter::from_fn(|| self.reports.try_recv().ok());
         let metered = reports.filter_map(|report| match report {
             RenderEvent::Status(ServerMessage::Luminance(of)) => Some(of.frame.0),
@@ -44,4 +50,21 @@ fn a_metered_frame_that_was_passed_over_is_metered_with_the_next_one() {
     let first = stage.draw_one(true);
     let second = stage.draw_one(false);
     assert_eq!(stage.metered_by(second), [first]);
+}
+
+#[test]
+fn the_first_metered_frame_waits_for_pipelines_that_are_made_beside_the_next_ones() {
+    let (mut stage, state) = shown();
+    let scene = Rc::clone(&stage.thread.states.back().expect("a state").scene);
+    let first = stage.draw_one(true);
+    assert!(stage.metered_by(first).is_empty(), "nothing is compiled between frames");
+    // There is nothing else to wait for.
+    stage.thread.wait();
+    assert_eq!(stage.metered(), [first]);
+    let second = stage.draw_one(true);
+    assert_eq!(stage.metered_by(second), [second], "they are there");
+    // The next scene has them made with its others, as long as frames are metered.
+    assert_eq!(stage.thread.needs(&state, &scene).len(), 2);
+    stage.thread.is_metering = false;
+    assert_eq!(stage.thread.needs(&state, &scene).len(), 1);
 }

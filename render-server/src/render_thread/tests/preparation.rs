@@ -11,7 +11,7 @@ use super::*;
 use crate::correction::tests::harness::{MeshFixture, SceneFixture, gpu, matt};
 
 /// A render thread that shows a card, and the state that it shows.
-fn shown() -> (RenderThreadFixture, Arc<LoadedState>) {
+pub(super) fn shown() -> (RenderThreadFixture, Arc<LoadedState>) {
     let mut stage = RenderThreadFixture::on(gpu().clone(), None);
     let mut scene = SceneFixture::new();
     let material = scene.material(matt(0.8, 0.4, 0.2));
