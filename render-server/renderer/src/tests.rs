@@ -17,6 +17,7 @@ mod glow;
 mod gpu_faults;
 mod harness;
 mod iridescence;
+mod kept_pipelines;
 mod labels;
 mod lamp_grid;
 mod lamp_shadows;
