@@ -9,7 +9,8 @@ use std::sync::OnceLock;
 use glam::Vec3;
 use polyptych_files::blob::BlobHash;
 use polyptych_scene::{
-    AlphaMode, Fill, Material, NodeStyle, NodeTraits, Primitive, Scene, Topology, VertexLayout,
+    AlphaMode, Fill, Material, MaterialProperty, NodeStyle, NodeTraits, Primitive, Scene, Topology,
+    VertexLayout,
 };
 use polyptych_wall::ShadowFilter;
 
@@ -64,6 +65,8 @@ pub struct SceneLayout {
     pub(super) outlines: Vec<Outline>,
     /// They stand behind the default material.
     pub(super) styled: Vec<StyledMaterial>,
+    /// The properties of materials that clips may change.
+    pub(super) changing: Vec<(u32, MaterialProperty)>,
     pub(crate) billboards: Vec<Billboard>,
     /// Items that turn with a billboard, rising.
     pub(super) turning: Vec<u32>,
@@ -158,6 +161,7 @@ impl SceneLayout {
             blends: template.linear,
             outlines,
             styled,
+            changing: traits.changing_materials.clone(),
             billboards,
             twins,
         })
@@ -263,11 +267,6 @@ impl SceneLayout {
         self.desc.meshes == other.desc.meshes
             && self.desc.textures == other.desc.textures
             && self.outlines == other.outlines
-    }
-
-    /// Returns whether its materials are those of another layout.
-    pub(super) fn has_materials_of(&self, other: &Self) -> bool {
-        self.desc.materials == other.desc.materials && self.styled == other.styled
     }
 
     /// Returns what of it is too large for a GPU, if anything: textures of a longer side than

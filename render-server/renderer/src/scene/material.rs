@@ -181,6 +181,16 @@ impl Materials {
     }
 }
 
+impl SceneLayout {
+    /// Returns whether its materials are those of another layout, and change with clips as those
+    /// do: one that clips changed until now has the values of their last moment on the GPU.
+    pub(super) fn has_materials_of(&self, other: &Self) -> bool {
+        self.desc.materials == other.desc.materials
+            && self.styled == other.styled
+            && self.changing == other.changing
+    }
+}
+
 /// Returns the slot of each of so many materials, if it is drawn, and the material of each slot.
 fn slots(count: usize, drawn: impl Iterator<Item = u32>) -> (Vec<Option<u32>>, Vec<u32>) {
     let (mut slots, mut materials) = (vec![None; count], Vec::new());

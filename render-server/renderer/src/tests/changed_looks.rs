@@ -1,6 +1,8 @@
 //! Materials and lights that clips change and nodes that they hide: what is drawn is as in a scene
 //! that has the values of the moment, bit for bit.
 
+use std::sync::Arc;
+
 use glam::{Affine2, DAffine3, DVec3, Vec2, Vec3, Vec4};
 use polyptych_scene::{
     ChangedMaterial, Clearcoat, Light, LightKind, Material, MaterialExtensions, MaterialProperty,
@@ -8,7 +10,7 @@ use polyptych_scene::{
 };
 
 use super::harness::{MeshFixture, SceneFixture, differences, draw, gpu, look};
-use crate::{GpuScene, MovedNode};
+use crate::{GpuScene, MovedNode, SceneLayout};
 
 const SIZE: [u32; 2] = [96, 64];
 
@@ -126,4 +128,23 @@ fn values_of_a_moment_are_drawn_as_those_of_a_scene_that_has_them() {
     let dark = picture(&at(&dark, &[]));
     let black = scene(|_| (), lamp(0.0), true).build_with(&traits(4, &properties));
     assert_eq!(differences(&dark, &picture(&black)), [0; 3]);
+}
+
+#[test]
+fn a_material_that_clips_change_no_more_has_its_own_values_again() {
+    let still = scene(|_| (), lamp(2.0), true);
+    let changing = still.build_with(&traits(4, &[MaterialProperty::BaseColor]));
+    let values = vec![(MaterialProperty::BaseColor, vec![0.1, 0.5, 1.0, 1.0])];
+    let changed = [ChangedMaterial { material: 0, values }];
+    let ball = [MovedNode::new(3, still.desc.world_from_nodes()[3], &[])];
+    let moment = changing.at_moment(gpu(), &ball, &[], &changed).expect("it moves");
+    // Somebody wrote the values of the file into it, which clips leave alone from then on.
+    let edited = traits(4, &[]);
+    let layout = SceneLayout::with_traits(still.desc.clone(), &edited, &|| false).expect("sound");
+    let after = changing.with_layout(gpu(), Arc::new(layout), None).expect("the same scene");
+    let view = look(DVec3::new(0.3, 0.4, 3.0), DVec3::ZERO, SIZE);
+    let [during, after, wanted] =
+        [&moment, &after, &still.build_with(&edited)].map(|scene| draw(scene, SIZE, &view));
+    assert!(differences(&during, &wanted)[2] > 300, "clips had changed it");
+    assert_eq!(differences(&after, &wanted), [0; 3]);
 }
