@@ -155,7 +155,8 @@ impl GpuScene {
         let materials = if is_same || has_all() {
             Arc::clone(&self.materials)
         } else {
-            Arc::new(builder::materials(gpu, &layout, &self.textures))
+            let known = Some((&*self.layout, &*self.materials));
+            Arc::new(builder::materials(gpu, &layout, &self.textures, known))
         };
         let [before, now] = [&self.moved, &moved]
             .map(|moved| moved.as_ref().map_or(&[][..], |moved| moved.lamp_indices()));

@@ -68,6 +68,8 @@ pub struct SceneBuilder {
     outlines: Vec<Option<Geometry>>,
     /// Bindings of materials, where they are those of a scene that is there.
     materials: Option<Arc<Materials>>,
+    /// The materials of a scene that is there, some of which may be the same.
+    known: Option<(Arc<SceneLayout>, Arc<Materials>)>,
     levels_left_out: u32,
     /// `None` before the first primitive came.
     room: Option<GeometryRoom>,
@@ -95,8 +97,8 @@ impl SceneBuilder {
         let textures = (0..layout.textures.count).map(|_| None).collect();
         let geometries = (0..layout.geometries.count).map(|_| None).collect();
         let outlines = layout.outlines.iter().map(|_| None).collect();
-        let (materials, levels_left_out, room) = (None, 0, None);
-        Ok(Self { layout, textures, geometries, outlines, materials, levels_left_out, room })
+        let (materials, known, levels_left_out, room) = (None, None, 0, None);
+        Ok(Self { layout, textures, geometries, outlines, materials, known, levels_left_out, room })
     }
 
     /// Gives each primitive a buffer of its own: memory is given back as soon as one is left out of
@@ -126,6 +128,7 @@ impl SceneBuilder {
             && self.layout.desc.textures == with.layout.desc.textures
             && with.materials.serve(&self.layout);
         self.materials = is_same.then(|| Arc::clone(&with.materials));
+        self.known = Some((Arc::clone(&with.layout), Arc::clone(&with.materials)));
         self
     }
 
@@ -245,7 +248,8 @@ impl SceneBuilder {
         let lamp_indices = index_buffer(gpu, &self.layout.lights.indices);
         // None is missing, so that each stays in its slot.
         let textures: Arc<Vec<_>> = Arc::new(self.textures.into_iter().flatten().collect());
-        let made = || Arc::new(materials(gpu, &self.layout, &textures));
+        let known = self.known.as_ref().map(|(layout, materials)| (&**layout, &**materials));
+        let made = || Arc::new(materials(gpu, &self.layout, &textures, known));
         let materials = self.materials.unwrap_or_else(made);
         for (of, outline) in self.layout.outlines.iter().zip(&mut self.outlines) {
             // Vertices are bent in the buffer that both read.
@@ -282,20 +286,22 @@ fn missing_geometries(layout: &SceneLayout, there: &[Option<Geometry>]) -> Share
     SharedRoom::new(missing.map(|(_, primitive)| primitive))
 }
 
-/// The bindings of the materials that a layout draws, whose textures are given by slot.
+/// The bindings of the materials that a layout draws, whose textures are given by slot. Those that
+/// a `known` scene has are shared, so that an addition or an edit binds no more than it brings.
 pub(super) fn materials(
     gpu: &Gpu,
     layout: &SceneLayout,
     textures: &[wgpu::TextureView],
+    known: Option<(&SceneLayout, &Materials)>,
 ) -> Materials {
-    let mut known = HashMap::new();
+    let mut made = HashMap::new();
     let mut sampler =
-        |desc| known.entry(desc).or_insert_with(|| texture::sampler(gpu, desc)).clone();
+        |desc| made.entry(desc).or_insert_with(|| texture::sampler(gpu, desc)).clone();
     let described = layout.desc.textures.iter().map(|texture| texture.sampler);
     let samplers: Vec<_> = described.chain([Sampler::default()]).map(&mut sampler).collect();
     let uploaded = layout.textures.of.iter().map(|&slot| textures[slot].clone());
     let views: Vec<_> = uploaded.chain([texture::placeholder(gpu)]).collect();
-    material::bind_groups(gpu, layout, &views, &samplers)
+    material::bind_groups(gpu, layout, (&views, &samplers), known)
 }
 
 fn nowhere(what: &str) -> SceneError {

@@ -1,5 +1,7 @@
 //! Materials on the GPU, and what each asks of its pipeline.
 
+use std::sync::Arc;
+
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine2, Vec4};
 use polyptych_scene::{
@@ -162,7 +164,8 @@ impl MaterialGroups {
 /// files that were added several times, there are none.
 #[derive(Debug)]
 pub(crate) struct Materials {
-    groups: Vec<MaterialGroups>,
+    /// Shared by the scenes that have them.
+    groups: Vec<Arc<MaterialGroups>>,
     /// The place of the groups of each described material, of the default one behind them, and of
     /// these as styles draw them.
     slots: Vec<Option<u32>>,
@@ -171,6 +174,10 @@ pub(crate) struct Materials {
 impl Materials {
     /// Returns the groups of a material of a batch; `None` if no batch had it when they were made.
     pub fn get(&self, material: u32) -> Option<&MaterialGroups> {
+        self.shared(material).map(Arc::as_ref)
+    }
+
+    fn shared(&self, material: u32) -> Option<&Arc<MaterialGroups>> {
         let slot = self.slots.get(material as usize).copied().flatten()?;
         self.groups.get(slot as usize)
     }
@@ -189,6 +196,33 @@ impl SceneLayout {
             && self.styled == other.styled
             && self.changing == other.changing
     }
+
+    /// The number in another layout of a material that is the same there, with all its textures,
+    /// and that clips change in neither; `None` where there is none.
+    fn same_material(&self, material: u32, other: &Self) -> Option<u32> {
+        let [default, others_default] = [self, other].map(|of| of.desc.materials.len() as u32);
+        // Its numbers here and there without a style, and its number there.
+        let (own, others, number) = match material.checked_sub(default + 1) {
+            Some(at) => {
+                let styled = self.styled.get(at as usize)?;
+                let at = other.styled.iter().position(|of| of == styled)?;
+                (styled.material, styled.material, others_default + 1 + at as u32)
+            }
+            None if material == default => (default, others_default, others_default),
+            None => (material, material, material),
+        };
+        let desc = self.desc.materials.get(own as usize);
+        let has_texture = |of: TextureRef| {
+            let at = of.texture as usize;
+            self.desc.textures.get(at) == other.desc.textures.get(at)
+        };
+        let is_changing = |of: &Self, number: u32| of.changing.iter().any(|(at, _)| *at == number);
+        let is_same = desc == other.desc.materials.get(others as usize)
+            && desc.is_none_or(|desc| desc.textures().all(has_texture))
+            && !is_changing(self, own)
+            && !is_changing(other, others);
+        is_same.then_some(number)
+    }
 }
 
 /// Returns the slot of each of so many materials, if it is drawn, and the material of each slot.
@@ -204,12 +238,13 @@ fn slots(count: usize, drawn: impl Iterator<Item = u32>) -> (Vec<Option<u32>>, V
     (slots, materials)
 }
 
-/// The bind groups of the materials that the batches of a layout have, and of the default one.
+/// The bind groups of the materials that the batches of a layout have, and of the default one:
+/// those of a `known` scene, whose textures are shared, or else new ones.
 pub(super) fn bind_groups(
     gpu: &Gpu,
     layout: &SceneLayout,
-    views: &[wgpu::TextureView],
-    samplers: &[wgpu::Sampler],
+    (views, samplers): (&[wgpu::TextureView], &[wgpu::Sampler]),
+    known: Option<(&SceneLayout, &Materials)>,
 ) -> Materials {
     let (described, default) = (&layout.desc.materials, Material::default());
     let own = |material: u32| described.get(material as usize).unwrap_or(&default);
@@ -224,8 +259,17 @@ pub(super) fn bind_groups(
     let drawn = layout.batches.iter().map(|batch| batch.material);
     let drawn = std::iter::once(described.len() as u32).chain(drawn);
     let (slots, drawn) = slots(described.len() + 1 + layout.styled.len(), drawn);
-    let materials: Vec<(Material, Vec4)> = drawn.iter().map(look).collect();
-    Materials { groups: groups_of(gpu, &materials, views, samplers), slots }
+    let kept = |material: &u32| {
+        let (of, materials) = known?;
+        materials.shared(layout.same_material(*material, of)?).cloned()
+    };
+    let kept: Vec<Option<Arc<MaterialGroups>>> = drawn.iter().map(kept).collect();
+    let missing = drawn.iter().zip(&kept).filter(|(_, kept)| kept.is_none());
+    let missing: Vec<(Material, Vec4)> = missing.map(|(material, _)| look(material)).collect();
+    let mut made = groups_of(gpu, &missing, views, samplers).into_iter().map(Arc::new);
+    // In the order of the slots.
+    let groups = kept.into_iter().filter_map(|kept| kept.or_else(|| made.next()));
+    Materials { groups: groups.collect(), slots }
 }
 
 /// The bind groups of materials with the highlights that styles lay over them.
@@ -235,6 +279,9 @@ fn groups_of(
     views: &[wgpu::TextureView],
     samplers: &[wgpu::Sampler],
 ) -> Vec<MaterialGroups> {
+    if materials.is_empty() {
+        return Vec::new();
+    }
     let stride = bindings::uniform_stride(gpu, size_of::<MaterialUniform>());
     let mut bytes = vec![0; stride * materials.len()];
     for (slot, (material, highlight)) in bytes.chunks_exact_mut(stride).zip(materials) {

@@ -9,8 +9,8 @@ use polyptych_scene::{
     NodeStyle, NodeTraits, Shading, TextureRef,
 };
 
-use super::harness::{MeshFixture, SceneFixture, differences, draw, gpu, look};
-use crate::{GpuScene, MovedNode, SceneLayout};
+use super::harness::{MeshFixture, SceneFixture, differences, draw, gpu, look, matt};
+use crate::{GpuScene, MovedNode, SceneBuilder, SceneLayout};
 
 const SIZE: [u32; 2] = [96, 64];
 
@@ -147,4 +147,45 @@ fn a_material_that_clips_change_no_more_has_its_own_values_again() {
         [&moment, &after, &still.build_with(&edited)].map(|scene| draw(scene, SIZE, &view));
     assert!(differences(&during, &wanted)[2] > 300, "clips had changed it");
     assert_eq!(differences(&after, &wanted), [0; 3]);
+}
+
+#[test]
+fn materials_that_stay_as_they_are_keep_their_bindings_beside_others() {
+    let mut stage = scene(|_| (), lamp(2.0), true);
+    let second = stage.material(matt(0.2, 0.6, 0.9));
+    let tile = MeshFixture::rectangle(0.4, 0.4);
+    let mesh = stage.mesh(&tile, Some(second));
+    stage.node(mesh, DAffine3::from_translation(DVec3::new(0.0, -1.0, 0.5)));
+    let styled = |stage: &SceneFixture| traits(stage.desc.nodes.len(), &[]);
+    let first = stage.build_with(&styled(&stage));
+    let is_shared = |scene: &GpuScene, number: u32, now: u32| {
+        let [before, now] = [first.materials.get(number), scene.materials.get(now)];
+        std::ptr::eq(before.expect("it is drawn"), now.expect("it is drawn"))
+    };
+    let view = look(DVec3::new(0.3, 0.4, 4.0), DVec3::ZERO, SIZE);
+    let check = |stage: &SceneFixture, scene: &GpuScene| {
+        let wanted = draw(&stage.build_with(&styled(stage)), SIZE, &view);
+        assert_eq!(differences(&draw(scene, SIZE, &view), &wanted), [0; 3]);
+    };
+    let layout = |stage: &SceneFixture| {
+        let layout = SceneLayout::with_traits(stage.desc.clone(), &styled(stage), &|| false);
+        Arc::new(layout.expect("sound"))
+    };
+    // One of them is edited; the default material and a styled one stand behind both.
+    stage.desc.materials[1] = matt(0.9, 0.2, 0.1);
+    let edited = first.with_layout(gpu(), layout(&stage), None).expect("the same scene");
+    assert_eq!([0, 1, 2, 3].map(|at| is_shared(&edited, at, at)), [true, false, true, true]);
+    check(&stage, &edited);
+
+    // Another one is added, and moves the default one, which the ball has, to another number.
+    let third = stage.material(matt(0.5, 0.5, 0.1));
+    let mesh = stage.mesh(&tile, Some(third));
+    stage.node(mesh, DAffine3::from_translation(DVec3::new(0.0, 1.0, 0.5)));
+    let mut builder = SceneBuilder::of(gpu(), layout(&stage)).expect("room").sharing(&first);
+    builder.upload_primitive(gpu(), mesh as usize, 0, &tile.bytes()).expect("uploaded");
+    let added = builder.finish(gpu()).expect("all is there");
+    assert!(
+        [(0, 0), (2, 3), (3, 4)].into_iter().all(|(number, now)| is_shared(&added, number, now))
+    );
+    check(&stage, &added);
 }
