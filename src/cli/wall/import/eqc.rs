@@ -20,6 +20,9 @@ const DISTANCE_DEFAULT: f64 = 1.0;
 /// Degrees across and up of a projection that does not say them: those of the wall above.
 const FOV_DEFAULT: [f64; 2] = [77.3196, 53.1301];
 
+/// Words for the eyes that a segment shows; the last one is between the two.
+const EYES: [&str; 3] = ["left", "right", "cyclop"];
+
 /// Pixels of the display of a window that does not say its own.
 const PIXELS_DEFAULT: [f64; 2] = [1920.0, 1080.0];
 
@@ -168,17 +171,7 @@ pub(super) fn read(tree: &Tree) -> anyhow::Result<Made> {
             }
             let mut screen = MadeScreen::new(wanted, Shape::Plane(corners), *size);
             screen.server = (nodes.len() > 1).then(|| server.clone());
-            if let Some(eye) = segment.get("eye") {
-                match &eye.items()?[..] {
-                    [one] if one.text()?.eq_ignore_ascii_case("left") => {
-                        screen.eye = Some(OneEye::Left);
-                    }
-                    [one] if one.text()?.eq_ignore_ascii_case("right") => {
-                        screen.eye = Some(OneEye::Right);
-                    }
-                    _ => {}
-                }
-            }
+            screen.eye = one_eye(eyes(&segment)?);
             made.screens.push(screen);
         }
     }
@@ -220,6 +213,30 @@ fn windows(
         }
     }
     Ok(())
+}
+
+/// The eyes that a segment shows, in the order of [`EYES`]: all where it says nothing of them.
+fn eyes(segment: &At<'_>) -> anyhow::Result<[bool; 3]> {
+    let Some(list) = segment.get("eye") else { return Ok([true; 3]) };
+    let mut eyes = [false; 3];
+    for word in list.items()? {
+        let text = word.text()?;
+        let Some(at) = EYES.iter().position(|eye| text.eq_ignore_ascii_case(eye)) else {
+            let what = format!("there is no eye {text}");
+            return Err(word.error(what, "LEFT, RIGHT and CYCLOP are right"));
+        };
+        eyes[at] = true;
+    }
+    Ok(eyes)
+}
+
+/// The one eye of those that a segment shows: between the eyes (CYCLOP) it is drawn without stereo.
+fn one_eye([left, right, _]: [bool; 3]) -> Option<OneEye> {
+    match (left, right) {
+        (true, false) => Some(OneEye::Left),
+        (false, true) => Some(OneEye::Right),
+        _ => None,
+    }
 }
 
 /// x, y, width and height of `viewport`.

@@ -155,6 +155,47 @@ fn equalizer_has_defaults_for_what_a_file_leaves_out() {
     }
 }
 
+/// A configuration of channels a, b and c with these fields of its pipe, its window, its canvas and
+/// the configuration itself.
+fn equalizer([pipe, window, canvas, config]: [&str; 4]) -> String {
+    format!(
+        r#"#Equalizer 1.1 ascii
+        server {{ config {{
+            appNode {{ pipe {{ {pipe} window {{ {window}
+                channel {{ name "a" }} channel {{ name "b" }} channel {{ name "c" }} }} }} }}
+            canvas {{ {canvas} }}
+            {config} }} }}"#
+    )
+}
+
+fn read_equalizer(text: &str) -> Made {
+    eqc::read(&eqc::parse(Path::new("a.eqc"), text).expect("a tree")).expect("a wall")
+}
+
+#[test]
+fn equalizer_says_the_eyes_of_segments() {
+    use super::super::made::OneEye::{Left, Right};
+    for (words, due) in [
+        ("eye [ LEFT ]", Some(Left)),
+        ("eye [ LEFT CYCLOP ]", Some(Left)),
+        ("eye [ CYCLOP right ]", Some(Right)),
+        ("eye [ LEFT RIGHT ]", None),
+        ("eye [ CYCLOP LEFT RIGHT ]", None),
+        ("eye [ CYCLOP ]", None),
+        ("", None),
+    ] {
+        let canvas = format!(r#"wall {{ }} segment {{ channel "a" {words} }}"#);
+        let made = read_equalizer(&equalizer(["", "", &canvas, ""]));
+        assert_eq!(made.screens[0].eye, due, "{words}");
+    }
+    let canvas = r#"wall { } segment { channel "a" eye [ LEFT CYCLOP ] }
+        segment { channel "b" eye [ RIGHT CYCLOP ] }"#;
+    let text = equalizer(["", "", canvas, ""]);
+    let (wall, _) = import("a.eqc", &text).expect("a wall");
+    assert_eq!((wall.screens.len(), wall.channels.len()), (1, 2), "one screen for both eyes");
+    refused("a.eqc", &text.replace("RIGHT", "RIHGT"), "there is no eye RIHGT");
+}
+
 #[test]
 fn names_are_those_that_a_wall_file_may_have() {
     for (file, due) in [
