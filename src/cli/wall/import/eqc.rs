@@ -152,34 +152,80 @@ pub(super) fn read(tree: &Tree) -> anyhow::Result<Made> {
     }
     tree.note("compounds and load balancing are left out: each server draws its own channels");
     tree.note("views and layouts are left out: the wall shows one scene");
-    for canvas in config.list("", "canvas")? {
-        let of_canvas = wall(&canvas)?.unwrap_or(WALL_DEFAULT);
-        for segment in canvas.list("", "segment")? {
-            let name = segment.need("channel")?;
-            let name_text = name.text()?;
-            let Some((size, server)) = channels.get(name_text) else {
-                let what = format!("there is no channel {name_text:?}");
-                return Err(name.error(what, "name one of a window"));
-            };
-            let corners = match wall(&segment)? {
-                Some(corners) => corners,
-                None => part(of_canvas, viewport(&segment)?.unwrap_or([0.0, 0.0, 1.0, 1.0])),
-            };
-            let mut wanted = plain_name(name_text, "channel");
-            while made.screens.iter().any(|screen| screen.name == wanted) {
-                wanted.push_str("-2");
-            }
-            let mut screen = MadeScreen::new(wanted, Shape::Plane(corners), *size);
-            screen.server = (nodes.len() > 1).then(|| server.clone());
-            screen.eye = one_eye(eyes(&segment)?);
-            made.screens.push(screen);
+    let segments = segments(&config)?;
+    for segment in &segments {
+        let name = segment.at.need("channel")?;
+        let name_text = name.text()?;
+        let Some((size, server)) = channels.get(name_text) else {
+            let what = format!("there is no channel {name_text:?}");
+            return Err(name.error(what, "name one of a window"));
+        };
+        if segment.is_mono_of(&segments) {
+            tree.note(format!(
+                "the channel {name_text:?} is left out: it shows without stereo what others show \
+                 to each eye"
+            ));
+            continue;
         }
+        let mut wanted = plain_name(name_text, "channel");
+        while made.screens.iter().any(|screen| screen.name == wanted) {
+            wanted.push_str("-2");
+        }
+        let mut screen = MadeScreen::new(wanted, Shape::Plane(segment.corners), *size);
+        screen.server = (nodes.len() > 1).then(|| server.clone());
+        screen.eye = segment.one_eye();
+        made.screens.push(screen);
     }
     if made.screens.is_empty() {
         let remedy = "add a canvas with segments: walls of compounds are not read";
         return Err(config.error("it has no segment of a canvas", remedy));
     }
     Ok(made)
+}
+
+/// A part of a canvas, or a wall of its own, that a channel shows.
+struct Segment<'t> {
+    at: At<'t>,
+    /// Lower left, lower right and upper left.
+    corners: [DVec3; 3],
+    /// Eyes that it shows, in the order of [`EYES`].
+    eyes: [bool; 3],
+}
+
+impl Segment<'_> {
+    /// The one eye that it shows: between the eyes (CYCLOP) it is drawn without stereo.
+    fn one_eye(&self) -> Option<OneEye> {
+        match self.eyes {
+            [true, false, _] => Some(OneEye::Left),
+            [false, true, _] => Some(OneEye::Right),
+            _ => None,
+        }
+    }
+
+    /// Returns whether it shows only without stereo what others of the same place show in stereo.
+    fn is_mono_of(&self, all: &[Segment<'_>]) -> bool {
+        let is_shown = |eye: usize| {
+            let shows = |other: &Segment<'_>| other.eyes[eye] && other.eyes != [true; 3];
+            all.iter().any(|other| other.corners == self.corners && shows(other))
+        };
+        self.eyes == [false, false, true] && is_shown(0) && is_shown(1)
+    }
+}
+
+/// The segments of all canvases.
+fn segments<'t>(config: &At<'t>) -> anyhow::Result<Vec<Segment<'t>>> {
+    let mut segments = Vec::new();
+    for canvas in config.list("", "canvas")? {
+        let of_canvas = wall(&canvas)?.unwrap_or(WALL_DEFAULT);
+        for at in canvas.list("", "segment")? {
+            let corners = match wall(&at)? {
+                Some(corners) => corners,
+                None => part(of_canvas, viewport(&at)?.unwrap_or([0.0, 0.0, 1.0, 1.0])),
+            };
+            segments.push(Segment { corners, eyes: eyes(&at)?, at });
+        }
+    }
+    Ok(segments)
 }
 
 /// The channels of a node by name, with their pixels.
@@ -228,15 +274,6 @@ fn eyes(segment: &At<'_>) -> anyhow::Result<[bool; 3]> {
         eyes[at] = true;
     }
     Ok(eyes)
-}
-
-/// The one eye of those that a segment shows: between the eyes (CYCLOP) it is drawn without stereo.
-fn one_eye([left, right, _]: [bool; 3]) -> Option<OneEye> {
-    match (left, right) {
-        (true, false) => Some(OneEye::Left),
-        (false, true) => Some(OneEye::Right),
-        _ => None,
-    }
 }
 
 /// x, y, width and height of `viewport`.

@@ -197,6 +197,23 @@ fn equalizer_says_the_eyes_of_segments() {
 }
 
 #[test]
+fn equalizer_says_channels_without_stereo_beside_those_of_the_eyes() {
+    let canvas = r#"wall { } segment { channel "a" eye [ LEFT ] }
+        segment { channel "b" eye [ RIGHT ] } segment { channel "c" eye [ CYCLOP ] }"#;
+    let names = |canvas: &str| {
+        let (wall, told) = import("a.eqc", &equalizer(["", "", canvas, ""])).expect("a wall");
+        let is_told = told.iter().any(|line| line.contains("channel \"c\" is left out"));
+        (wall.channels.into_iter().map(|channel| channel.name).collect::<Vec<_>>(), is_told)
+    };
+    let own = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+    assert_eq!(names(canvas), (own(&["a", "b"]), true));
+    // Elsewhere, or where no channel shows the right eye's picture, it is another display.
+    let elsewhere = canvas.replace("\"c\"", "\"c\" viewport [ 0 0 .5 1 ]");
+    assert_eq!(names(&elsewhere), (own(&["a", "b", "c"]), false));
+    assert_eq!(names(&canvas.replace("RIGHT", "LEFT")), (own(&["a", "b", "c"]), false));
+}
+
+#[test]
 fn names_are_those_that_a_wall_file_may_have() {
     for (file, due) in [
         ("Übersicht.mpcdi", "bersicht"),
