@@ -20,6 +20,10 @@ const DISTANCE_DEFAULT: f64 = 1.0;
 /// Degrees across and up of a projection that does not say them: those of the wall above.
 const FOV_DEFAULT: [f64; 2] = [77.3196, 53.1301];
 
+/// From the left eye to the right one where a configuration does not say it, in metres
+/// (`eq/server/global.cpp`).
+const EYE_BASE_DEFAULT_M: f64 = 0.05;
+
 /// Words for the eyes that a segment shows; the last one is between the two.
 const EYES: [&str; 3] = ["left", "right", "cyclop"];
 
@@ -142,9 +146,8 @@ pub(super) fn read(tree: &Tree) -> anyhow::Result<Made> {
     let config = server.need("config")?;
     let stem = tree.path.file_stem().unwrap_or_default().to_string_lossy();
     let mut made = Made { name: plain_name(&stem, "wall"), ..Made::default() };
-    let own = config.get("attributes").and_then(|at| at.get("eye_base"));
-    let global = root.get("global").and_then(|at| at.get("eq_config_fattr_eye_base"));
-    made.eye_separation = own.or(global).map(|metres| metres.number()).transpose()?;
+    let (eye, separation) = observed(&root, &config)?;
+    (made.eye, made.eye_separation) = (eye, Some(separation));
     let mut channels = BTreeMap::new();
     let nodes = [config.list("", "appnode")?, config.list("", "node")?].concat();
     for (index, node) in nodes.iter().enumerate() {
@@ -181,6 +184,33 @@ pub(super) fn read(tree: &Tree) -> anyhow::Result<Made> {
         return Err(config.error("it has no segment of a canvas", remedy));
     }
     Ok(made)
+}
+
+/// The point between the eyes of the first observer, and how far these are apart, in metres.
+fn observed(root: &At<'_>, config: &At<'_>) -> anyhow::Result<(DVec3, f64)> {
+    let own = config.get("attributes").and_then(|at| at.get("eye_base"));
+    let global = root.get("global").and_then(|at| at.get("eq_config_fattr_eye_base"));
+    let base = own.or(global).map_or(Ok(EYE_BASE_DEFAULT_M), |metres| metres.number())?;
+    let observers = config.list("", "observer")?;
+    let eyes = observers.iter().map(|at| eyes_of(at, base));
+    let eyes: Vec<_> = eyes.collect::<anyhow::Result<_>>()?;
+    let Some(first) = eyes.first() else { return Ok((DVec3::ZERO, base)) };
+    if eyes.iter().any(|other| other != first) {
+        config.tree.warn("observers have different eyes: the wall has those of the first");
+    }
+    Ok(*first)
+}
+
+/// The same of an observer, whose eyes are so many metres apart if it does not say it. The head
+/// is at the origin until it is tracked.
+fn eyes_of(observer: &At<'_>, base: f64) -> anyhow::Result<(DVec3, f64)> {
+    let base = observer.number_or("eye_base", base)?;
+    let point = |name: &str, default: DVec3| {
+        numbers_or(observer, name, default.to_array()).map(DVec3::from_array)
+    };
+    let left = point("eye_left", DVec3::X * (-base / 2.0))?;
+    let right = point("eye_right", DVec3::X * (base / 2.0))?;
+    Ok((point("eye_cyclop", (left + right) / 2.0)?, left.distance(right)))
 }
 
 /// A part of a canvas, or a wall of its own, that a channel shows.

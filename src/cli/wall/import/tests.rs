@@ -214,6 +214,37 @@ fn equalizer_says_channels_without_stereo_beside_those_of_the_eyes() {
 }
 
 #[test]
+fn equalizer_says_the_eyes_of_observers() {
+    let canvas = r#"wall { } segment { channel "a" }"#;
+    for (config, eye, separation) in [
+        ("", DVec3::ZERO, 0.05),
+        ("observer { }", DVec3::ZERO, 0.05),
+        ("attributes { eye_base 0.06 } observer { }", DVec3::ZERO, 0.06),
+        ("attributes { eye_base 0.06 } observer { eye_base 0.07 }", DVec3::ZERO, 0.07),
+        (
+            "observer { eye_left [ -.035 0 0 ] eye_right [ .035 0 0 ] eye_cyclop [ 0 0 0.125 ] }",
+            DVec3::Z * 0.125,
+            0.07,
+        ),
+        (
+            "observer { eye_left [ 0 .25 0 ] eye_right [ .0625 .25 0 ] }",
+            DVec3::new(0.03125, 0.25, 0.0),
+            0.0625,
+        ),
+    ] {
+        let text = equalizer(["", "", canvas, config]);
+        let made = read_equalizer(&text);
+        assert_eq!((made.eye, made.eye_separation), (eye, Some(separation)), "{config}");
+        let (wall, told) = import("a.eqc", &text).expect(config);
+        assert_eq!(wall.eye_separation_m, separation, "{config}");
+        assert!(!told.iter().any(|line| line.contains("observers")), "{config}: {told:?}");
+    }
+    let config = "observer { eye_base 0.07 } observer { eye_base 0.06 }";
+    let (_, told) = import("a.eqc", &equalizer(["", "", canvas, config])).expect("a wall");
+    assert!(told.iter().any(|line| line.contains("observers have different eyes")), "{told:?}");
+}
+
+#[test]
 fn names_are_those_that_a_wall_file_may_have() {
     for (file, due) in [
         ("Übersicht.mpcdi", "bersicht"),
