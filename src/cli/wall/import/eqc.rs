@@ -155,11 +155,12 @@ pub(super) fn read(tree: &Tree) -> anyhow::Result<Made> {
     }
     tree.note("compounds and load balancing are left out: each server draws its own channels");
     tree.note("views and layouts are left out: the wall shows one scene");
+    let stereo = Stereo::new(&root, &config)?;
     let segments = segments(&config)?;
     for segment in &segments {
         let name = segment.at.need("channel")?;
         let name_text = name.text()?;
-        let Some((size, server)) = channels.get(name_text) else {
+        let Some(channel) = channels.get(name_text) else {
             let what = format!("there is no channel {name_text:?}");
             return Err(name.error(what, "name one of a window"));
         };
@@ -174,9 +175,16 @@ pub(super) fn read(tree: &Tree) -> anyhow::Result<Made> {
         while made.screens.iter().any(|screen| screen.name == wanted) {
             wanted.push_str("-2");
         }
-        let mut screen = MadeScreen::new(wanted, Shape::Plane(segment.corners), *size);
-        screen.server = (nodes.len() > 1).then(|| server.clone());
+        let mut screen = MadeScreen::new(wanted, Shape::Plane(segment.corners), channel.size);
+        screen.server = (nodes.len() > 1).then(|| channel.server.clone());
         screen.eye = segment.one_eye();
+        if segment.eyes[..2] == [true; 2] {
+            if stereo.is_anaglyph {
+                screen.adjust.push("stereo = \"anaglyph\"".to_owned());
+            } else if stereo.is_on || channel.has_stereo.unwrap_or(stereo.has_windows) {
+                tree.warn_of_stereo("quadbuffer");
+            }
+        }
         made.screens.push(screen);
     }
     if made.screens.is_empty() {
@@ -211,6 +219,48 @@ fn eyes_of(observer: &At<'_>, base: f64) -> anyhow::Result<(DVec3, f64)> {
     let left = point("eye_left", DVec3::X * (-base / 2.0))?;
     let right = point("eye_right", DVec3::X * (base / 2.0))?;
     Ok((point("eye_cyclop", (left + right) / 2.0)?, left.distance(right)))
+}
+
+/// The stereo of channels that show both eyes.
+struct Stereo {
+    /// By the colours of glasses.
+    is_anaglyph: bool,
+    /// A view begins with it.
+    is_on: bool,
+    /// Windows that do not say it have buffers for both eyes.
+    has_windows: bool,
+}
+
+impl Stereo {
+    fn new(root: &At<'_>, config: &At<'_>) -> anyhow::Result<Self> {
+        let global = |name: &str| root.get("global").and_then(|at| at.get(name));
+        let is_anaglyph = says(global("eq_compound_iattr_stereo_mode"), "anaglyph");
+        let mut views = Vec::new();
+        for layout in config.list("", "layout")? {
+            views.extend(layout.list("", "view")?);
+        }
+        Ok(Self {
+            is_anaglyph: is_anaglyph || has_anaglyph(config)?,
+            is_on: views.iter().any(|view| says(view.get("mode"), "stereo")),
+            has_windows: says(global("eq_window_iattr_hint_stereo"), "on"),
+        })
+    }
+}
+
+/// Returns whether a compound in this section, or in another one in it, shows eyes by colours.
+fn has_anaglyph(section: &At<'_>) -> anyhow::Result<bool> {
+    for compound in section.list("", "compound")? {
+        let mode = compound.get("attributes").and_then(|at| at.get("stereo_mode"));
+        if says(mode, "anaglyph") || has_anaglyph(&compound)? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Returns whether a value is there and is this word, in large or small letters.
+fn says(value: Option<At<'_>>, word: &str) -> bool {
+    value.is_some_and(|at| at.text().is_ok_and(|text| text.eq_ignore_ascii_case(word)))
 }
 
 /// A part of a canvas, or a wall of its own, that a channel shows.
@@ -258,11 +308,20 @@ fn segments<'t>(config: &At<'t>) -> anyhow::Result<Vec<Segment<'t>>> {
     Ok(segments)
 }
 
-/// The channels of a node by name, with their pixels.
+/// A part of a window that segments may name.
+struct Channel {
+    /// In pixels.
+    size: [u32; 2],
+    server: String,
+    /// The window has buffers for both eyes, if it says so.
+    has_stereo: Option<bool>,
+}
+
+/// The channels of a node by name.
 fn windows(
     node: &At<'_>,
     server: &str,
-    channels: &mut BTreeMap<String, ([u32; 2], String)>,
+    channels: &mut BTreeMap<String, Channel>,
 ) -> anyhow::Result<()> {
     for pipe in node.list("", "pipe")? {
         for window in pipe.list("", "window")? {
@@ -275,6 +334,8 @@ fn windows(
                 window.tree.warn(what);
             }
             let all = [width * of_display[0], height * of_display[1]];
+            let hint = window.get("attributes").and_then(|at| at.get("hint_stereo"));
+            let has_stereo = hint.map(|hint| says(Some(hint), "on"));
             for channel in window.list("", "channel")? {
                 let [_, _, w, h] = viewport(&channel)?.unwrap_or([0.0, 0.0, 1.0, 1.0]);
                 let is_share = w <= 1.0 && h <= 1.0;
@@ -284,7 +345,8 @@ fn windows(
                     return Err(channel.error(what, "1 to 8192 would be right"));
                 }
                 let name = channel.get("name").map_or(Ok(""), |at| at.text())?.to_owned();
-                channels.insert(name, (size.map(|side| side.round() as u32), server.to_owned()));
+                let size = size.map(|side| side.round() as u32);
+                channels.insert(name, Channel { size, server: server.to_owned(), has_stereo });
             }
         }
     }

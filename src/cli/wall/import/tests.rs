@@ -1,6 +1,6 @@
 //! Files of Tide and Equalizer, and what is no configuration, as a user gives them.
 
-use polyptych_wall::Wall;
+use polyptych_wall::{StereoPacking, Wall};
 
 use super::super::made::Shape;
 use super::*;
@@ -242,6 +242,37 @@ fn equalizer_says_the_eyes_of_observers() {
     let config = "observer { eye_base 0.07 } observer { eye_base 0.06 }";
     let (_, told) = import("a.eqc", &equalizer(["", "", canvas, config])).expect("a wall");
     assert!(told.iter().any(|line| line.contains("observers have different eyes")), "{told:?}");
+}
+
+#[test]
+fn equalizer_says_the_stereo_of_channels_for_both_eyes() {
+    let stereo = "layout { view { mode STEREO } }";
+    let compound = "compound { compound { attributes { stereo_mode ANAGLYPH } } }";
+    let quad = "attributes { hint_stereo ON }";
+    let no_quad = "attributes { hint_stereo off }";
+    let passive = r#"segment { channel "a" eye [ LEFT ] } segment { channel "b" eye [ RIGHT ] }"#;
+    let both = r#"segment { channel "a" }"#;
+    let mono = r#"segment { channel "a" eye [ CYCLOP ] }"#;
+    for (global, window, segments, config, due) in [
+        ("", "", both, "layout { view { } }", ""),
+        ("", quad, both, "", "warning"),
+        ("", "", both, stereo, "warning"),
+        ("EQ_WINDOW_IATTR_HINT_STEREO ON", "", both, "", "warning"),
+        ("EQ_WINDOW_IATTR_HINT_STEREO ON", no_quad, both, "", ""),
+        ("", quad, passive, stereo, ""),
+        ("", quad, mono, stereo, ""),
+        ("EQ_COMPOUND_IATTR_STEREO_MODE anaglyph", quad, both, stereo, "anaglyph"),
+        ("", "", both, compound, "anaglyph"),
+        ("", "", passive, compound, ""),
+    ] {
+        let text = equalizer(["", window, &format!("wall {{ }} {segments}"), config]);
+        let text = text.replacen("server", &format!("global {{ {global} }} server"), 1);
+        let (wall, told) = import("a.eqc", &text).expect("a wall");
+        let is_told = told.iter().any(|line| line.contains("stereo quadbuffer is not known"));
+        assert_eq!(is_told, due == "warning", "{text}: {told:?}");
+        let packing = wall.channels[0].adjustment.packing;
+        assert_eq!(packing == StereoPacking::Anaglyph, due == "anaglyph", "{text}");
+    }
 }
 
 #[test]

@@ -75,6 +75,14 @@ impl Tree {
     pub fn warn(&self, sentence: impl Into<String>) {
         push_new(&self.warnings, sentence.into());
     }
+
+    /// Tells once that channels with this kind of stereo show none.
+    pub fn warn_of_stereo(&self, kind: &str) {
+        self.warn(format!(
+            "stereo {kind} is not known: its channels show what is seen between the eyes; \
+             stereo = \"side-by-side\" or eye = \"left\" of [channel] change that"
+        ));
+    }
 }
 
 fn push_new(list: &RefCell<Vec<String>>, sentence: String) {

@@ -148,10 +148,7 @@ impl Reader<'_> {
             | "checkerboard_inverted"
             | "vertical_interlaced"
             | "vertical_interlaced_inverted" => {
-                self.tree.warn(format!(
-                    "stereo {kind} is not known: its channels show what is seen between the eyes; \
-                     stereo = \"side-by-side\" or eye = \"left\" of [channel] change that"
-                ));
+                self.tree.warn_of_stereo(&kind);
                 self.has_stereo = true;
                 return Ok(([1, 1], Vec::new()));
             }
