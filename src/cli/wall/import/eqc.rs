@@ -27,7 +27,7 @@ const EYE_BASE_DEFAULT_M: f64 = 0.05;
 /// Words for the eyes that a segment shows; the last one is between the two.
 const EYES: [&str; 3] = ["left", "right", "cyclop"];
 
-/// Pixels of the display of a window that does not say its own.
+/// Pixels of the display of a window where neither it nor its pipe says them.
 const PIXELS_DEFAULT: [f64; 2] = [1920.0, 1080.0];
 
 /// Reads the text of a configuration.
@@ -324,15 +324,21 @@ fn windows(
     channels: &mut BTreeMap<String, Channel>,
 ) -> anyhow::Result<()> {
     for pipe in node.list("", "pipe")? {
+        // In pixels, even where those of its windows are in shares of it.
+        let of_pipe = viewport(&pipe)?;
         for window in pipe.list("", "window")? {
             let [_, _, width, height] = viewport(&window)?.unwrap_or([0.0, 0.0, 1.0, 1.0]);
             let has_pixels = width > 1.0 || height > 1.0;
-            let of_display = if has_pixels { [1.0; 2] } else { PIXELS_DEFAULT };
-            if !has_pixels {
-                let what = "a window does not say its pixels: those of a display of 1920 × 1080 \
-                            are taken";
-                window.tree.warn(what);
-            }
+            let of_display = match of_pipe {
+                _ if has_pixels => [1.0; 2],
+                Some([_, _, w, h]) => [w, h],
+                None => {
+                    let what = "a window does not say its pixels: those of a display of 1920 × \
+                                1080 are taken";
+                    window.tree.warn(what);
+                    PIXELS_DEFAULT
+                }
+            };
             let all = [width * of_display[0], height * of_display[1]];
             let hint = window.get("attributes").and_then(|at| at.get("hint_stereo"));
             let has_stereo = hint.map(|hint| says(Some(hint), "on"));

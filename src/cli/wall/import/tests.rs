@@ -276,6 +276,27 @@ fn equalizer_says_the_stereo_of_channels_for_both_eyes() {
 }
 
 #[test]
+fn equalizer_says_pixels_of_pipes() {
+    let canvas = r#"wall { } segment { channel "a" }"#;
+    let pipe = "viewport [ 0 0 3840 2160 ]";
+    let [share, pixels] = ["viewport [ 0 0 .5 1 ]", "viewport [ 9 9 800 600 ]"];
+    for (pipe, window, size, is_guess) in [
+        (pipe, "", [3840, 2160], false),
+        (pipe, share, [1920, 2160], false),
+        (pipe, pixels, [800, 600], false),
+        ("", pixels, [800, 600], false),
+        ("", share, [960, 1080], true),
+        ("", "", [1920, 1080], true),
+    ] {
+        let text = equalizer([pipe, window, canvas, ""]);
+        let (wall, told) = import("a.eqc", &text).expect("a wall");
+        assert_eq!(wall.channels[0].size.to_array(), size, "{text}");
+        let is_told = told.iter().any(|line| line.contains("display of 1920 × 1080"));
+        assert_eq!(is_told, is_guess, "{text}: {told:?}");
+    }
+}
+
+#[test]
 fn names_are_those_that_a_wall_file_may_have() {
     for (file, due) in [
         ("Übersicht.mpcdi", "bersicht"),
