@@ -14,6 +14,9 @@ use super::tree::{At, DEPTH_MAX, Node, Spot, Tree, Value};
 const WALL_DEFAULT: [DVec3; 3] =
     [DVec3::new(-0.8, -0.5, -1.0), DVec3::new(0.8, -0.5, -1.0), DVec3::new(-0.8, 0.5, -1.0)];
 
+/// The viewport of what does not say it: x, y, width and height in shares.
+const WHOLE: [f64; 4] = [0.0, 0.0, 1.0, 1.0];
+
 /// Distance of a projection that does not say it (`eq/fabric/projection.cpp`).
 const DISTANCE_DEFAULT: f64 = 1.0;
 
@@ -295,17 +298,62 @@ impl Segment<'_> {
 /// The segments of all canvases.
 fn segments<'t>(config: &At<'t>) -> anyhow::Result<Vec<Segment<'t>>> {
     let mut segments = Vec::new();
-    for canvas in config.list("", "canvas")? {
-        let of_canvas = wall(&canvas)?.unwrap_or(WALL_DEFAULT);
+    for (index, canvas) in config.list("", "canvas")?.iter().enumerate() {
+        let of_canvas = wall(canvas)?;
         for at in canvas.list("", "segment")? {
+            let share = viewport(&at)?.unwrap_or(WHOLE);
+            let of_all = || match of_canvas {
+                Some(corners) => Ok(Some(corners)),
+                None => wall_of_views(config, canvas, share),
+            };
             let corners = match wall(&at)? {
                 Some(corners) => corners,
-                None => part(of_canvas, viewport(&at)?.unwrap_or([0.0, 0.0, 1.0, 1.0])),
+                None => part(of_all()?.unwrap_or_else(|| usual_wall(canvas, index)), share),
             };
             segments.push(Segment { corners, eyes: eyes(&at)?, at });
         }
     }
     Ok(segments)
+}
+
+/// The wall of a canvas by its first layout: a wall of a view spans the view, and here that one
+/// counts in which the middle of this part of the canvas lies.
+fn wall_of_views(
+    config: &At<'_>,
+    canvas: &At<'_>,
+    [x, y, w, h]: [f64; 4],
+) -> anyhow::Result<Option<[DVec3; 3]>> {
+    let layouts = config.list("", "layout")?;
+    let mut layout = layouts.first();
+    if let Some(name) = canvas.get("layout") {
+        let name = name.text()?;
+        let has_name =
+            |at: &&At<'_>| at.get("name").is_some_and(|own| own.text().ok() == Some(name));
+        let by_number = || layouts.get(name.parse::<usize>().ok()?);
+        layout = layouts.iter().find(has_name).or_else(by_number);
+    }
+    let Some(layout) = layout else { return Ok(None) };
+    for view in layout.list("", "view")? {
+        let [left, low, width, height] = viewport(&view)?.unwrap_or(WHOLE);
+        let is_here = (left..left + width).contains(&(x + w / 2.0))
+            && (low..low + height).contains(&(y + h / 2.0));
+        if is_here && let Some(corners) = wall(&view)? {
+            let all = [-left / width, -low / height, 1.0 / width, 1.0 / height];
+            return Ok(Some(part(corners, all)));
+        }
+    }
+    Ok(None)
+}
+
+/// Equalizer's own wall for a canvas without one, and tells so.
+fn usual_wall(canvas: &At<'_>, index: usize) -> [DVec3; 3] {
+    let name = canvas.get("name").and_then(|name| name.text().ok());
+    let name = name.map_or_else(|| (index + 1).to_string(), str::to_owned);
+    canvas.tree.warn(format!(
+        "the canvas {name} has no wall, and gets Equalizer's own: 1.6 m wide, 1 m ahead of the \
+         origin"
+    ));
+    WALL_DEFAULT
 }
 
 /// A part of a window that segments may name.
@@ -327,7 +375,7 @@ fn windows(
         // In pixels, even where those of its windows are in shares of it.
         let of_pipe = viewport(&pipe)?;
         for window in pipe.list("", "window")? {
-            let [_, _, width, height] = viewport(&window)?.unwrap_or([0.0, 0.0, 1.0, 1.0]);
+            let [_, _, width, height] = viewport(&window)?.unwrap_or(WHOLE);
             let has_pixels = width > 1.0 || height > 1.0;
             let of_display = match of_pipe {
                 _ if has_pixels => [1.0; 2],
@@ -343,7 +391,7 @@ fn windows(
             let hint = window.get("attributes").and_then(|at| at.get("hint_stereo"));
             let has_stereo = hint.map(|hint| says(Some(hint), "on"));
             for channel in window.list("", "channel")? {
-                let [_, _, w, h] = viewport(&channel)?.unwrap_or([0.0, 0.0, 1.0, 1.0]);
+                let [_, _, w, h] = viewport(&channel)?.unwrap_or(WHOLE);
                 let is_share = w <= 1.0 && h <= 1.0;
                 let size = if is_share { [w * all[0], h * all[1]] } else { [w, h] };
                 if size.iter().any(|side| !(1.0..=8192.0).contains(side)) {

@@ -297,6 +297,45 @@ fn equalizer_says_pixels_of_pipes() {
 }
 
 #[test]
+fn equalizer_says_walls_of_views() {
+    let wall = |x: f64, width: f64| {
+        format!(
+            "wall {{ bottom_left [ {x} -1 -3 ] bottom_right [ {} -1 -3 ] top_left [ {x} 1 -3 ] }}",
+            x + width
+        )
+    };
+    let layouts = format!(
+        r#"layout {{ name "first" view {{ {} }} }} layout {{ name "halves"
+            view {{ viewport [ 0 0 .5 1 ] {} }} view {{ viewport [ .5 0 .5 1 ] {} }} }}
+            layout {{ view {{ }} }}"#,
+        wall(-4.0, 8.0),
+        wall(-2.0, 2.0),
+        wall(1.0, 4.0)
+    );
+    let segments = r#"segment { channel "a" viewport [ 0 0 .5 1 ] }
+        segment { channel "b" viewport [ .75 0 .25 1 ] }"#;
+    // Left edges and widths of both segments.
+    for (canvas, due) in [
+        ("", Some([[-4.0, 4.0], [2.0, 2.0]])),
+        ("layout 0", Some([[-4.0, 4.0], [2.0, 2.0]])),
+        (r#"layout "halves""#, Some([[-2.0, 2.0], [3.0, 2.0]])),
+        (r#"name "hall" layout 2"#, None),
+        (r#"name "hall" layout OFF"#, None),
+    ] {
+        let text = equalizer(["", "", &format!("{canvas} {segments}"), &layouts]);
+        let (_, told) = import("a.eqc", &text).expect(canvas);
+        let is_told = told.iter().any(|line| line.contains("the canvas hall has no wall"));
+        assert_eq!(is_told, due.is_none(), "{canvas}: {told:?}");
+        let made = read_equalizer(&text);
+        for (screen, [x, width]) in made.screens.iter().zip(due.into_iter().flatten()) {
+            let Shape::Plane([low, right, _]) = screen.shape else { panic!("{made:?}") };
+            assert!(low.distance(DVec3::new(x, -1.0, -3.0)) < 1e-9, "{canvas}: {low}");
+            assert!((low.distance(right) - width).abs() < 1e-9, "{canvas}: {right}");
+        }
+    }
+}
+
+#[test]
 fn names_are_those_that_a_wall_file_may_have() {
     for (file, due) in [
         ("Übersicht.mpcdi", "bersicht"),
