@@ -76,7 +76,8 @@ pub(super) struct Frame {
     /// Its lower left corner and its size in shares of the window.
     pub position: DVec2,
     pub size: DVec2,
-    /// Its width by its height on the display.
+    /// Its width by its height on the window, which shows it once for each eye where two pictures
+    /// lie side by side or above each other.
     pub aspect: f64,
     /// The file maps places of the display to the picture, not the other way round.
     pub is_texture: bool,

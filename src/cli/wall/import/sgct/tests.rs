@@ -202,6 +202,31 @@ fn crops_show_the_rest_of_the_circle_as_large_as_fits() {
 }
 
 #[test]
+fn meshes_of_bourke_are_measured_on_the_whole_window() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("half.data");
+    // The middle half of a window of 4:3.
+    let mesh =
+        "2\n2 2\n-0.666667 -1 0 0 1\n0.666667 -1 1 0 1\n-0.666667 1 0 1 1\n0.666667 1 1 1 1\n";
+    std::fs::write(&path, mesh).expect("written");
+    let plane = r#""projection": {"type": "PlanarProjection", "fov": {"hfov": 60, "vfov": 40}}"#;
+    let viewport = format!(r#""mesh": {path:?}, {plane}"#);
+    for (stereo, size) in
+        [("none", [640, 480]), ("side_by_side", [320, 480]), ("top_bottom", [640, 240])]
+    {
+        let text = one(&format!(r#""stereo": "{stereo}","#), &viewport);
+        let (made, _) = import(&text).expect("a wall");
+        let [screen] = &made.screens[..] else { panic!("{made:?}") };
+        assert_eq!(screen.size, size);
+        let warp = screen.warp.as_ref().expect("a warp");
+        let [width, height] = size.map(|side| side as usize);
+        let row = &warp[height / 2 * width..][..width];
+        let lit: Vec<usize> = (0..width).filter(|at| row[*at].is_some()).collect();
+        assert_eq!(lit, (width / 4..width * 3 / 4).collect::<Vec<_>>(), "{stereo}");
+    }
+}
+
+#[test]
 fn surfaces_that_a_wall_file_knows_need_no_map() {
     let screen = one_screen(r#""projection": {"type": "EquirectangularProjection"}"#);
     assert_eq!((screen.shape, screen.warp), (Shape::all_around(DVec3::ZERO, 5.0), None));

@@ -27,6 +27,8 @@ struct Frames<'r> {
     server: Option<&'r str>,
     /// Pixels of the display of one eye.
     size: [u32; 2],
+    /// Width by height of the window, with both eyes' pictures where it has two.
+    aspect: f64,
     /// Width by height of the pictures that are drawn, before they are stretched to the display.
     stretch: f64,
     adjust: Vec<String>,
@@ -89,9 +91,10 @@ impl Reader<'_> {
             adjust.push("turn = \"half\"".to_owned());
         }
         let [size, drawn] = self.pixels(window)?;
+        let aspect = f64::from(size[0]) / f64::from(size[1]);
         let size = [size[0] / packing[0], size[1] / packing[1]];
         let stretch = f64::from(drawn[0]) / f64::from(drawn[1]);
-        let frames = Frames { name, server, size, stretch, adjust };
+        let frames = Frames { name, server, size, aspect, stretch, adjust };
         let viewports = window.list("viewports", "viewport")?;
         if viewports.is_empty() {
             self.tree.warn(format!("the window {} has no viewport, and is left out", frames.name));
@@ -247,11 +250,10 @@ impl Reader<'_> {
                 user.name, user.position
             ));
         }
-        let aspect = f64::from(frames.size[0]) / f64::from(frames.size[1]);
         let frame = Frame {
             position: viewport.position,
             size: viewport.share,
-            aspect: aspect * viewport.share.x / viewport.share.y,
+            aspect: frames.aspect * viewport.share.x / viewport.share.y,
             is_texture: found.is_texture,
         };
         let mesh = at.get("mesh").filter(At::is_on);
