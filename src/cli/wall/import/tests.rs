@@ -86,6 +86,27 @@ fn tide_joins_displays_to_screens_and_gives_processes_an_eye() {
 }
 
 #[test]
+fn tide_says_the_eyes_of_each_tile() {
+    let text = r#"{"processes": [{"screens": [{"stereo": "left"}]},
+        {"screens": [{"stereo": "right"}]}, {"screens": [{"i": 1}, {"i": 2}]},
+        {"screens": [{"i": 0}]}],
+        "surfaces": [{"displayWidth": 960, "displayHeight": 540, "screenCountX": 4}]}"#;
+    let (wall, told) = import("hall.json", text).expect("a wall");
+    let found: Vec<_> =
+        wall.channels.iter().map(|c| (c.name.as_str(), c.server.as_str())).collect();
+    let due = [
+        ("surface-1-2-1", "process-3"),
+        ("surface-1-3-1", "process-3"),
+        ("surface-1-1-1-left", "process-1"),
+        ("surface-1-4-1-left", "surface-1-4-1-left"),
+        ("surface-1-1-1-right", "process-2"),
+        ("surface-1-4-1-right", "surface-1-4-1-right"),
+    ];
+    assert_eq!(found, due);
+    assert!(told.iter().any(|line| line.contains("of process-4 is left out")), "{told:?}");
+}
+
+#[test]
 fn equalizer_says_walls_of_segments() {
     let text = r#"#Equalizer 1.0 ascii
         server { config {

@@ -71,9 +71,11 @@ pub(super) fn read(tree: &Tree, width_m: f64, distance_m: f64) -> anyhow::Result
         let size = [all_x * pitch, all_y * pitch];
         let center = left_m + size[0] / 2.0;
         left_m += size[0] + 0.5;
-        let kinds = eyes_of(&servers, index as i64);
+        let number = index as i64;
         let grid = Grid {
             name: format!("surface-{}", index + 1),
+            surface: number,
+            has_stereo: servers.keys().any(|place| place.0 == number && place.1 != "mono"),
             counts: [columns, rows],
             side: [width, height],
             gap: [gap_x, gap_y],
@@ -85,8 +87,8 @@ pub(super) fn read(tree: &Tree, width_m: f64, distance_m: f64) -> anyhow::Result
             grid.name, -distance_m
         );
         grid.put_hidden(&mut made.raw);
-        for eye in kinds {
-            grid.put(&mut made, index as i64, &eye, &servers);
+        for eye in ["mono", "left", "right"] {
+            grid.put(&mut made, eye, &servers);
         }
     }
     Ok(made)
@@ -95,6 +97,10 @@ pub(super) fn read(tree: &Tree, width_m: f64, distance_m: f64) -> anyhow::Result
 /// The displays of a surface: how many across and down, their pixels, and those between them.
 struct Grid {
     name: String,
+    /// Its number, from 0.
+    surface: i64,
+    /// It has displays for one eye.
+    has_stereo: bool,
     counts: [i64; 2],
     side: [i64; 2],
     gap: [i64; 2],
@@ -115,11 +121,20 @@ impl Grid {
         }
     }
 
+    /// Returns whether a tile has displays for each eye: as its processes say, and as others of
+    /// the surface do where it has none.
+    fn is_stereo(&self, [i, j]: [i64; 2], servers: &BTreeMap<Place, String>) -> bool {
+        let has = |eye: &str| servers.contains_key(&(self.surface, eye.to_owned(), i, j));
+        has("left") || has("right") || (self.has_stereo && !has("mono"))
+    }
+
     /// Writes the channels for an eye.
-    fn put(&self, made: &mut Made, surface: i64, eye: &str, servers: &BTreeMap<Place, String>) {
-        let Self { name, counts: [columns, rows], side: [width, height], gap: [x, y] } = self;
-        for (j, i) in (0..*rows).flat_map(|j| (0..*columns).map(move |i| (j, i))) {
-            let suffix = if eye == "mono" { String::new() } else { format!("-{eye}") };
+    fn put(&self, made: &mut Made, eye: &str, servers: &BTreeMap<Place, String>) {
+        let Self { name, counts: [columns, rows], side: [width, height], gap: [x, y], .. } = self;
+        let tiles = (0..*rows).flat_map(|j| (0..*columns).map(move |i| (j, i)));
+        let is_mono = eye == "mono";
+        for (j, i) in tiles.filter(|(j, i)| self.is_stereo([*i, *j], servers) != is_mono) {
+            let suffix = if is_mono { String::new() } else { format!("-{eye}") };
             let name = format!("{name}-{}-{}{suffix}", i + 1, j + 1);
             let at = [i * (width + x), j * (height + y)];
             let _ = write!(
@@ -127,22 +142,15 @@ impl Grid {
                 "[[screen.channel]]\nname = {name:?}\norigin = {at:?}\n\
                  pixels = [{width}, {height}]\n"
             );
-            if let Some(server) = servers.get(&(surface, eye.to_owned(), i, j)) {
+            if let Some(server) = servers.get(&(self.surface, eye.to_owned(), i, j)) {
                 let _ = writeln!(made.raw, "server = {server:?}");
             }
-            if eye != "mono" {
+            if !is_mono {
                 let _ = write!(made.tail, "\n[channel.{name:?}]\neye = {eye:?}\n");
             }
             made.raw_channels += 1;
         }
     }
-}
-
-/// For whose eyes a surface has displays.
-fn eyes_of(servers: &BTreeMap<Place, String>, surface: i64) -> Vec<String> {
-    let mut eyes = servers.keys().filter(|place| place.0 == surface).map(|place| &place.1);
-    let eyes: &[&str] = if eyes.any(|eye| eye != "mono") { &["left", "right"] } else { &["mono"] };
-    eyes.iter().map(|eye| (*eye).to_owned()).collect()
 }
 
 /// Screens, pixels of each and pixels between them, in one direction. A screen of several displays
@@ -185,6 +193,15 @@ fn servers(root: &At<'_>, made: &mut Made) -> anyhow::Result<BTreeMap<Place, Str
             if servers.insert(place, server.clone()).is_some() {
                 return Err(screen.error("two screens show the same tile", "change i or j of one"));
             }
+        }
+    }
+    for ((surface, eye, i, j), server) in &servers {
+        let has = |eye: &str| servers.contains_key(&(*surface, eye.to_owned(), *i, *j));
+        if eye == "mono" && (has("left") || has("right")) {
+            root.tree.note(format!(
+                "a display of {server} is left out: it shows without stereo what others show to \
+                 each eye"
+            ));
         }
     }
     Ok(servers)
