@@ -174,11 +174,28 @@ fn place(
         file.persist(made.path().join(name)).with_context(cannot)?;
     }
     check(made.path())?;
-    let old = tempfile::Builder::new().prefix(".old-").tempdir_in(parent).with_context(cannot)?;
-    if folder.exists() {
-        fs::rename(folder, old.path().join("was")).with_context(cannot)?;
+    exchange(made.path(), folder, parent).with_context(cannot)?;
+    // It has another name now, so that nothing is to be removed.
+    let _ = made.keep();
+    Ok(())
+}
+
+/// Puts one folder in the place of another, both of this parent; if that fails, the other one is
+/// there as before.
+fn exchange(made: &Path, folder: &Path, parent: &Path) -> anyhow::Result<()> {
+    let old = tempfile::Builder::new().prefix(".old-").tempdir_in(parent)?;
+    let was = old.path().join("was");
+    let is_there = folder.exists();
+    if is_there {
+        fs::rename(folder, &was)?;
     }
-    fs::rename(made.keep(), folder).with_context(cannot)
+    let Err(error) = fs::rename(made, folder) else { return Ok(()) };
+    if is_there && fs::rename(&was, folder).is_err() {
+        let kept = old.keep();
+        let context = || format!("what was there before is in {}", kept.display());
+        return Err(error).with_context(context);
+    }
+    Err(error.into())
 }
 
 /// Checks that nothing, or a folder, is there to be replaced.
@@ -189,5 +206,22 @@ fn check_folder(folder: &Path) -> anyhow::Result<()> {
             bail!("it is {kind}, not a folder; name another folder with --out")
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_that_cannot_be_replaced_stay() {
+        let place = tempfile::tempdir().expect("a folder");
+        let folder = place.path().join("manager");
+        fs::create_dir(&folder).expect("made");
+        fs::write(folder.join(KEY_FILE), "old").expect("written");
+        let gone = place.path().join(".new-gone");
+        assert!(exchange(&gone, &folder, place.path()).is_err());
+        assert_eq!(fs::read_to_string(folder.join(KEY_FILE)).expect("a key"), "old");
+        assert_eq!(fs::read_dir(place.path()).expect("a folder").count(), 1, "something is left");
     }
 }
