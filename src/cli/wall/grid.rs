@@ -2,7 +2,9 @@
 
 use std::fmt::Write;
 
+use anyhow::bail;
 use glam::{DVec2, DVec3};
+use polyptych_wall::limits::CHANNELS_MAX;
 use polyptych_wall::surface::{Plane, Surface};
 
 use super::pose::{Pose, Room, Stand, Target, Trouble, solve};
@@ -55,6 +57,15 @@ pub(in crate::cli) struct Arguments {
 impl Arguments {
     /// The wall file.
     pub fn text(&self) -> anyhow::Result<String> {
+        // Before poses are looked for: so many would take hours, and no wall has them.
+        let count = u64::from(self.columns) * u64::from(self.rows);
+        if count > CHANNELS_MAX as u64 {
+            bail!(
+                "{} columns of {} are {count} channels; a wall has {CHANNELS_MAX} at most",
+                self.columns,
+                self.rows
+            );
+        }
         if self.projectors {
             return self.projected();
         }

@@ -171,6 +171,8 @@ fn projectors_that_cannot_be_are_refused_with_what_works() {
 fn numbers_that_make_no_wall() {
     for (line, what) in [
         ("grid --columns 0", "1..=1024"),
+        ("grid --columns 33 --rows 32", "33 columns of 32 are 1056 channels"),
+        ("grid --columns 200 --rows 200 --projectors", "are 40000 channels"),
         ("grid --pixels 1920", "WIDTHxHEIGHT"),
         ("grid --width -1", "unexpected argument"),
         ("grid --width nan", "not within 0.001"),
