@@ -333,9 +333,9 @@ impl Cluster {
         } else if let Some((_, reduction)) =
             beginning.filter(|_| self.is_warm(drawn.channel) && !drawn.is_trial)
         {
-            let draw_us = Micros::from(drawn.draw_us);
+            let (draw_us, undrawn_us) = (Micros::from(drawn.draw_us), self.undrawn_time());
             let bounds = &self.presentation.bounds;
-            self.rate_bound.add_late(bounds, drawn.channel, draw_us, reduction);
+            self.rate_bound.add_late(bounds, drawn.channel, draw_us, undrawn_us, reduction);
         }
         let is_its = |b: &&mut Barrier| b.revision == drawn.revision;
         let Some(barrier) = self.pipeline.frame_mut(drawn.frame).filter(is_its) else {
@@ -426,7 +426,8 @@ impl Cluster {
             let missed_us = now.saturating_sub(barrier.turn + lead_us);
             let missed_us = (!barrier.waited.is_empty()).then_some(missed_us);
             if let Some(us) = barrier.slowest_untried_us().map(Micros::from).max(missed_us) {
-                self.rate_bound.add(&self.presentation.bounds, us, barrier.reduction);
+                let (bounds, undrawn_us) = (&self.presentation.bounds, self.undrawn_time());
+                self.rate_bound.add(bounds, us, undrawn_us, barrier.reduction);
             }
         }
         let feedback = self.aggregate(&barrier, now);

@@ -59,6 +59,13 @@ impl Cluster {
         Micros::from(self.wall.sync.swap_lead_ms) * 1000
     }
 
+    /// Returns the part of each frame's period in which servers draw nothing, in microseconds: they
+    /// hold a drawn frame until its instant. At a pipeline depth of 1 they draw two frames one
+    /// after the other before the first one's instant, so that both wait for one lead.
+    pub(super) fn undrawn_time(&self) -> Micros {
+        self.swap_lead() / (1 + Micros::from(self.wall.sync.pipeline_depth))
+    }
+
     /// Returns the time that the next frame waits, and the longest that any does. Servers draw
     /// nothing before the instant at which they show the frame before, so both count from there.
     pub(super) fn frame_waits(&self) -> (Micros, Micros) {

@@ -8,6 +8,7 @@ use polyptych_wall::view::View;
 
 use super::Cluster;
 use super::barrier::Barrier;
+use super::rate_bound::budget_us;
 
 /// Maximum error that a server may report as a multiple of the bound in force, or in pixels if that
 /// is 0: more than the pixels of the longest canvas.
@@ -106,6 +107,13 @@ impl Cluster {
     pub(super) fn rate_warning(&self) -> Option<String> {
         let bounds = &self.presentation.bounds;
         let rate = bounds.rate_fps?;
+        if self.rate_bound.is_unmet(bounds) && budget_us(rate, self.undrawn_time()).is_none() {
+            return Some(format!(
+                "the rate bound of {rate} frames per second is not kept: the swap lead of {} ms \
+                 (sync.swap_lead_ms) leaves no time to draw in; lower the bound, or the lead",
+                self.wall.sync.swap_lead_ms
+            ));
+        }
         let slowest = self.registry.channels().max_by_key(|(_, channel)| channel.draw_us);
         let name = slowest.map_or("?", |(_, channel)| channel.name.as_str());
         if self.rate_bound.is_unmet(bounds) {

@@ -125,10 +125,21 @@ impl RateBound {
     }
 
     /// Takes the time in which the slowest server drew a frame that the wall waited for, with this
-    /// bound.
-    pub fn add(&mut self, asked: &QualityBounds, draw_us: Micros, with: Reduction) {
-        let Some(used) = used(asked, draw_us) else {
+    /// bound. Servers draw nothing for `undrawn_us` of each period. If that leaves no time to draw
+    /// in, the rate is unmet, and there is no reduction, since none would keep it.
+    pub fn add(
+        &mut self,
+        asked: &QualityBounds,
+        draw_us: Micros,
+        undrawn_us: Micros,
+        with: Reduction,
+    ) {
+        let Some(rate) = asked.rate_fps else {
             self.restart();
+            return;
+        };
+        let Some(used) = used(rate, draw_us, undrawn_us) else {
+            *self = Self { unmet: self.unmet.saturating_add(1), ..Self::default() };
             return;
         };
         self.hold = self.hold.saturating_sub(1);
@@ -147,15 +158,18 @@ impl RateBound {
 
     /// Takes the time of a channel that the wall did not wait for, which may have drawn an older
     /// frame with another bound: one that is too slow with this bound needs a larger one. After
-    /// [`LATE_RISES_MAX`] it is not heard until [`Self::record_awaited`].
+    /// [`LATE_RISES_MAX`] it is not heard until [`Self::record_awaited`]. It is not heard either
+    /// if `undrawn_us` leaves no time to draw in.
     pub fn add_late(
         &mut self,
         asked: &QualityBounds,
         channel: ChannelId,
         draw_us: Micros,
+        undrawn_us: Micros,
         with: Reduction,
     ) {
-        let Some(used) = used(asked, draw_us).filter(|used| *used > 1.0) else { return };
+        let used = asked.rate_fps.and_then(|rate| used(rate, draw_us, undrawn_us));
+        let Some(used) = used.filter(|used| *used > 1.0) else { return };
         let rises = self.late_rises.get(&channel).map_or(0, |&rises| rises);
         if rises < LATE_RISES_MAX {
             let before = self.in_force;
@@ -214,9 +228,16 @@ impl RateBound {
     }
 }
 
-/// The share of a frame's budget that a drawing took; `None` without a rate bound.
-fn used(asked: &QualityBounds, draw_us: Micros) -> Option<f64> {
-    asked.rate_fps.map(|rate| draw_us as f64 * rate / (1e6 * BUDGET_FRACTION))
+/// Returns the share of a frame's budget that a drawing took; `None` without a budget.
+fn used(rate_fps: f64, draw_us: Micros, undrawn_us: Micros) -> Option<f64> {
+    budget_us(rate_fps, undrawn_us).map(|budget_us| draw_us as f64 / budget_us)
+}
+
+/// Returns the time that drawing may take of each frame, in microseconds: a share of what the time
+/// in which servers draw nothing leaves of the period. `None` if it leaves nothing.
+pub(super) fn budget_us(rate_fps: f64, undrawn_us: Micros) -> Option<f64> {
+    let left_us = 1e6 / rate_fps - undrawn_us as f64;
+    (left_us > 0.0).then_some(BUDGET_FRACTION * left_us)
 }
 
 #[cfg(test)]

@@ -54,7 +54,7 @@ fn run(
         let draw_us = at(frame, px);
         late += u32::from(draw_us > PERIOD_US);
         bounds.push(px);
-        bound.add(asked, draw_us as Micros, reduction);
+        bound.add(asked, draw_us as Micros, 0, reduction);
     }
     (bounds, late)
 }
@@ -67,7 +67,7 @@ fn without_a_rate_bound_the_error_bound_is_what_was_asked_for() {
     let mut bound = RateBound::default();
     let asked = QualityBounds { error_px: 0.5, rate_fps: None };
     for _ in 0..50 {
-        bound.add(&asked, 10_000_000, Reduction::new(0.5));
+        bound.add(&asked, 10_000_000, 0, Reduction::new(0.5));
         assert_eq!(bound.in_force_px(&asked), 0.5);
     }
 }
@@ -120,6 +120,45 @@ fn a_wall_that_is_fast_enough_draws_what_was_asked_for() {
     assert_eq!(bounds[99], 0.0);
 }
 
+#[test]
+fn a_lead_leaves_less_of_the_period_to_draw_in() {
+    let asked = asked(0.0);
+    let us = |share: f64| (share * PERIOD_US) as Micros;
+    // Shares of the period: the lead, and drawings that keep the rate and that do not.
+    for (lead, kept, slow) in [(0.0, 0.89, 0.91), (0.5, 0.44, 0.46), (0.95, 0.044, 0.046)] {
+        for (draw, is_kept) in [(kept, true), (slow, false)] {
+            let (mut awaited, mut late) = (RateBound::default(), RateBound::default());
+            for _ in 0..100 {
+                let reduction = awaited.in_force(&asked);
+                awaited.add(&asked, us(draw), us(lead), reduction);
+                late.add_late(&asked, ChannelId(0), us(draw), us(lead), Reduction::default());
+            }
+            for bound in [awaited, late] {
+                let px = bound.in_force_px(&asked);
+                assert_eq!(px == 0.0, is_kept, "{px} px, {draw} with a lead of {lead}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_lead_of_the_whole_period_is_told_and_costs_no_detail() {
+    let asked = asked(0.0);
+    for lead in [1.0, 1.5] {
+        let lead_us = (lead * PERIOD_US) as Micros;
+        let mut bound = RateBound::default();
+        run(&mut bound, &asked, 5, |_, _| 2.0 * PERIOD_US);
+        assert!(bound.in_force_px(&asked) > 0.0);
+        for _ in 0..UNMET_FRAMES {
+            let reduction = bound.in_force(&asked);
+            bound.add(&asked, 1_000, lead_us, reduction);
+        }
+        bound.add_late(&asked, ChannelId(0), 1_000_000, lead_us, Reduction::default());
+        assert_eq!(bound.in_force_px(&asked), 0.0);
+        assert!(bound.is_unmet(&asked));
+    }
+}
+
 proptest! {
     #[test]
     fn a_flight_with_noise_is_in_time(
@@ -167,7 +206,7 @@ fn reductions(frames: u32, at: impl Fn(u32, Reduction) -> f64) -> (Vec<Reduction
         let draw_us = at(frame, reduction);
         late += u32::from(draw_us > PERIOD_US);
         all.push(reduction);
-        bound.add(&asked, draw_us as Micros, reduction);
+        bound.add(&asked, draw_us as Micros, 0, reduction);
     }
     (all, late)
 }
@@ -223,7 +262,7 @@ fn an_error_bound_that_was_asked_for_does_not_lower_the_resolution() {
     }
     // A step up from there lowers it at once.
     let (mut bound, asked) = (RateBound::default(), asked(20.0));
-    bound.add(&asked, (2.0 * PERIOD_US) as Micros, bound.in_force(&asked));
+    bound.add(&asked, (2.0 * PERIOD_US) as Micros, 0, bound.in_force(&asked));
     assert!(bound.resolution_steps(&asked) >= 2);
     assert_eq!(bound.in_force_px(&asked), 20.0);
     let unbounded = QualityBounds { rate_fps: None, ..asked };

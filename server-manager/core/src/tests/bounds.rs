@@ -140,6 +140,35 @@ fn a_rate_that_no_detail_keeps_is_told_with_the_channel() {
     assert_eq!(stage.detail(), DetailBound::default());
 }
 
+#[test]
+fn servers_that_wait_for_a_swap_lead_have_less_time_to_draw() {
+    // Leads, depths of the pipeline and drawing times in milliseconds, of a period of 50.
+    for (swap_lead_ms, pipeline_depth, draw_ms, is_kept) in [
+        (0, 0, 44, true),
+        (0, 0, 46, false),
+        (25, 0, 22, true),
+        (25, 0, 23, false),
+        (25, 1, 33, true),
+        (25, 1, 34, false),
+        (45, 0, 4, true),
+        (45, 0, 5, false),
+        (50, 0, 30, true),
+    ] {
+        let mut stage = ClusterFixture::new(2);
+        stage.cluster.wall.sync.swap_lead_ms = swap_lead_ms;
+        stage.cluster.wall.sync.pipeline_depth = pipeline_depth;
+        stage.bound(RATE);
+        for _ in 0..20 {
+            stage.bounded_frame(|_| [draw_ms * 1000; 2]);
+        }
+        let status = stage.cluster.status(stage.now);
+        let px = status.error_in_force_px;
+        assert_eq!(px == 0.0, is_kept, "{px} px, {draw_ms} ms with a lead of {swap_lead_ms} ms");
+        let told = status.warnings.iter().any(|told| told.contains("the swap lead of 50 ms"));
+        assert_eq!(told, swap_lead_ms == 50, "{:?}", status.warnings);
+    }
+}
+
 /// A server compares two ways of drawing every 256 frames: what that costs is no reason to draw
 /// less.
 #[test]
