@@ -2,7 +2,7 @@
 //! each command whether it still holds.
 
 use std::io;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::{Builder, park_timeout};
 use std::time::{Duration, Instant, SystemTime};
@@ -37,8 +37,8 @@ struct Shared {
     /// The end of the lease, as the last renewal has it. Locked for no longer than to copy it.
     valid_until: Mutex<ClockReading>,
     is_released: AtomicBool,
-    /// `true` while this process does what it holds the lock for.
-    is_fenced: AtomicBool,
+    /// Number of times that [`Leadership::fenced`] has begun or ended: odd while it runs.
+    fence_steps: AtomicU64,
     lost: CancellationToken,
     lost_reason: OnceLock<String>,
 }
@@ -133,7 +133,7 @@ impl Leadership {
             contender: Mutex::new(contender),
             valid_until: Mutex::default(),
             is_released: AtomicBool::new(false),
-            is_fenced: AtomicBool::new(false),
+            fence_steps: AtomicU64::new(0),
             lost: CancellationToken::new(),
             lost_reason: OnceLock::new(),
         };
@@ -146,6 +146,7 @@ impl Leadership {
             let mut last_fault = None;
             while !shared.is_over() {
                 park_timeout(shared.period);
+                let fence_step = shared.fence_step();
                 let fault = shared.renew().err().map(|error| error.to_string());
                 if let Some(fault) =
                     fault.as_ref().filter(|fault| last_fault.as_ref() != Some(*fault))
@@ -153,7 +154,7 @@ impl Leadership {
                     tracing::warn!(fault, "cannot renew the lease; trying again");
                 }
                 if let Some(fault) = fault.as_ref().filter(|_| !shared.is_valid()) {
-                    shared.lose_if_free(fault);
+                    shared.lose_if_free(fence_step, fault);
                 }
                 last_fault = fault;
             }
@@ -183,8 +184,9 @@ impl Leadership {
         if shared.is_valid() {
             return true;
         }
+        let fence_step = shared.fence_step();
         if let Err(error) = shared.renew() {
-            shared.lose_if_free(&error.to_string());
+            shared.lose_if_free(fence_step, &error.to_string());
         }
         shared.is_valid() && !shared.is_over()
     }
@@ -196,19 +198,20 @@ impl Leadership {
     /// This manager leads no more, the lease cannot be read or written, or `work` fails.
     pub fn fenced<T>(&self, work: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
         let shared = &self.shared;
+        // Before the lock is taken: storage may stall as the record is read, too.
+        shared.fence_steps.fetch_add(1, Ordering::SeqCst);
         let done = shared.file.locked(|found| {
             let ours = found.filter(|f| f.term == shared.term.0 && !f.is_released);
             let Some(ours) = ours else {
                 let reason = shared.lose(led_by(found));
                 return (None, Err(io::Error::other(reason)));
             };
-            shared.is_fenced.store(true, Ordering::SeqCst);
             let done = work();
             let is_first = done.is_ok() && !ours.has_state;
             (is_first.then(|| LeaseRecord { has_state: true, ..ours.clone() }), done)
         });
         // Not before: the record that there is a state is written under the lock, too.
-        shared.is_fenced.store(false, Ordering::SeqCst);
+        shared.fence_steps.fetch_add(1, Ordering::SeqCst);
         done.map_err(io::Error::other)?
     }
 
@@ -305,10 +308,15 @@ impl Shared {
         Ok(())
     }
 
-    /// Leads no more, as the lease could not be renewed in time; but nobody can have taken it while
-    /// this manager itself holds the lock.
-    fn lose_if_free(&self, fault: &str) {
-        if !self.is_fenced.load(Ordering::SeqCst) {
+    fn fence_step(&self) -> u64 {
+        self.fence_steps.load(Ordering::SeqCst)
+    }
+
+    /// Leads no more, as the lease could not be renewed in time; unless this manager itself held
+    /// the lock, or waited for it, at any time since `fence_step` was read before the renewal. A
+    /// lease that has run out commands nothing before a later renewal finds it not taken.
+    fn lose_if_free(&self, fence_step: u64, fault: &str) {
+        if fence_step.is_multiple_of(2) && self.fence_step() == fence_step {
             self.lose(format!("the lease could not be renewed in time: {fault}"));
         }
     }
@@ -338,144 +346,4 @@ fn led_by(found: Option<&LeaseRecord>) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const LEASE: Duration = Duration::from_millis(200);
-
-    /// What a manager finds that waits for the lease of this folder.
-    fn wait_in(folder: &tempfile::TempDir, name: &str) -> Waited {
-        let file = LeaseFile::beside(&folder.path().join("wall.state"));
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build();
-        let waiting = Leadership::wait(file, name.into(), LEASE, |_| {});
-        runtime.expect("a runtime").block_on(waiting).expect("a lease")
-    }
-
-    fn lead(folder: &tempfile::TempDir, name: &str) -> Leadership {
-        match wait_in(folder, name) {
-            Waited::Leads(leadership) => leadership,
-            Waited::Stopped => panic!("stopped"),
-        }
-    }
-
-    #[test]
-    fn a_leader_that_was_replaced_commands_and_writes_nothing() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let first = lead(&folder, "first");
-        assert!(first.is_held() && first.fenced(|| Ok(1)).is_ok_and(|done| done == 1));
-        // As a stopped process: it renews nothing, and does not know that it has lost the lease.
-        first.shared.is_released.store(true, Ordering::Relaxed);
-        let second = lead(&folder, "second");
-        assert_eq!((first.term(), second.term()), (Term(1), Term(2)));
-        first.shared.is_released.store(false, Ordering::Relaxed);
-        let refused = first.fenced(|| Ok(())).expect_err("another one leads");
-        assert!(refused.to_string().contains("second leads the wall now"), "{refused}");
-        assert!(!first.is_held() && second.is_held());
-        assert_eq!(second.lost_reason(), None);
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn a_renewal_writes_over_the_record_that_is_there() {
-        use std::os::unix::fs::MetadataExt;
-        let folder = tempfile::tempdir().expect("a folder");
-        let leader = lead(&folder, "first");
-        let path = folder.path().join("wall.state.lease");
-        let facts = || std::fs::metadata(&path).map(|facts| (facts.ino(), facts.len()));
-        let first = facts().expect("a record");
-        leader.shared.renew().expect("renewed");
-        assert_eq!(facts().expect("a record"), first, "a full disk has no room for another");
-    }
-
-    #[test]
-    fn a_lease_that_is_locked_by_its_own_leader_is_not_lost() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let leader = lead(&folder, "first");
-        let written = leader.fenced(|| {
-            leader.shared.set_valid_until(ClockReading::default());
-            assert!(!leader.is_held(), "it cannot be renewed now");
-            Ok(leader.lost_reason().is_none())
-        });
-        assert!(written.expect("it leads"));
-        assert!(leader.is_held());
-    }
-
-    #[test]
-    fn a_lease_is_not_lost_while_its_leader_writes_that_there_is_a_state() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let leader = lead(&folder, "first");
-        let record = folder.path().join("wall.state.lease");
-        let (worked, has_worked) = std::sync::mpsc::sync_channel(1);
-        std::thread::scope(|scope| {
-            let (leader, record) = (&leader, &record);
-            let written = scope.spawn(move || {
-                leader.fenced(|| {
-                    // A pipe takes no record before somebody reads, as slow storage does.
-                    std::fs::remove_file(record)?;
-                    let made = std::process::Command::new("mkfifo").arg(record).status()?;
-                    assert!(made.success());
-                    worked.send(()).map_err(io::Error::other)
-                })
-            });
-            has_worked.recv().expect("it works");
-            leader.shared.set_valid_until(ClockReading::default());
-            let is_held = leader.is_held();
-            let reason = leader.lost_reason().map(str::to_owned);
-            std::fs::read(record).expect("the record");
-            written.join().expect("no panic").expect("written");
-            assert_eq!((is_held, reason), (false, None), "it cannot be renewed now");
-        });
-    }
-
-    #[test]
-    fn a_lease_that_ran_out_is_renewed_before_the_next_command() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let first = lead(&folder, "first");
-        first.shared.set_valid_until(ClockReading::default());
-        assert!(first.is_held(), "nobody has taken it");
-        std::fs::remove_file(folder.path().join("wall.state.lease")).expect("removed");
-        first.shared.set_valid_until(ClockReading::default());
-        assert!(!first.is_held());
-        assert_eq!(first.lost_reason(), Some("the lease file was removed"));
-    }
-
-    #[test]
-    fn a_leader_whose_machine_slept_looks_at_the_lease_first() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let first = lead(&folder, "first");
-        // By the clock that stood still it holds the lease for long, by the time of day no more.
-        let slept = ClockReading { awake: Duration::from_hours(1), of_day: Duration::ZERO };
-        first.shared.set_valid_until(slept);
-        assert!(first.is_held(), "nobody has taken it");
-        first.shared.is_released.store(true, Ordering::Relaxed);
-        let second = lead(&folder, "second");
-        first.shared.is_released.store(false, Ordering::Relaxed);
-        first.shared.set_valid_until(slept);
-        assert!(!first.is_held() && second.is_held());
-        let reason = first.lost_reason().expect("it has looked");
-        assert!(reason.contains("second leads the wall now"), "{reason}");
-    }
-
-    #[test]
-    fn a_stopped_wall_ends_managers_that_wait_but_not_those_that_come() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let first = lead(&folder, "first");
-        std::thread::scope(|scope| {
-            let file = LeaseFile::beside(&folder.path().join("wall.state"));
-            let (looked, has_looked) = std::sync::mpsc::sync_channel(1);
-            let waiting = scope.spawn(move || {
-                let on_look = |_: Option<&LeaseRecord>| _ = looked.try_send(());
-                let waiting = Leadership::wait(file, "second".into(), LEASE, on_look);
-                let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build();
-                runtime.expect("a runtime").block_on(waiting).expect("a lease")
-            });
-            has_looked.recv().expect("it looks");
-            // The next look is after the first has ended.
-            has_looked.recv().expect("it looks again");
-            first.release(Release::Stopped);
-            assert!(matches!(waiting.join().expect("no panic"), Waited::Stopped));
-        });
-        assert!(!first.is_held());
-        assert_eq!(lead(&folder, "third").term(), Term(2));
-    }
-}
+mod tests;
