@@ -1,6 +1,7 @@
 //! Edits of the open scene: each transaction is checked against all that was accepted before it,
 //! and seen from one frame on, or not at all.
 
+mod edit_target;
 mod subset;
 mod temporary;
 
@@ -8,6 +9,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
+pub use edit_target::EditTarget;
 use polyptych_protocol::feedback::{Edited, FrameFeedback};
 use polyptych_protocol::ids::{FrameId, Revision};
 use polyptych_protocol::request::{RequestError, Response};
@@ -40,47 +42,6 @@ pub(super) struct EditWaiter {
     assets: Option<AssetNumbers>,
     /// Parts of their file that are not drawn.
     notes: Vec<String>,
-}
-
-/// The part of a scene that an edit changes.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub enum EditTarget {
-    /// A node.
-    Node(NodeId),
-    /// A material, by its number.
-    Material(u32),
-    /// Whether a layer is shown.
-    Layer(String),
-    /// The variant that is shown.
-    Variant,
-    /// Assets that were added.
-    Assets(AssetSetId),
-}
-
-impl EditTarget {
-    /// Returns the part that an edit changes.
-    pub fn of(edit: &Edit) -> Option<Self> {
-        match edit {
-            Edit::SetMaterial { material, .. } => Some(Self::Material(*material)),
-            Edit::SetLayerVisible { layer, .. } => Some(Self::Layer(layer.clone())),
-            Edit::SetVariant(_) => Some(Self::Variant),
-            Edit::AddAssets(set) => Some(Self::Assets(set.id())),
-            Edit::RemoveAssets(id) => Some(Self::Assets(*id)),
-            other => other.node().map(Self::Node),
-        }
-    }
-}
-
-impl std::fmt::Display for EditTarget {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Node(node) => node.fmt(f),
-            Self::Material(material) => write!(f, "material {material}"),
-            Self::Layer(layer) => write!(f, "layer {layer}"),
-            Self::Variant => f.write_str("the variant"),
-            Self::Assets(_) => f.write_str("added assets"),
-        }
-    }
 }
 
 /// The accepted edits of the open scene, shown or not yet.
@@ -187,6 +148,7 @@ impl SceneEditing {
             self.accepted.apply(edit.clone());
             numbered.push(edit);
         }
+        let own = assets.as_ref().map(AssetSet::id);
         let (mesh, texture) = (
             |number| own_number(number, assets.as_ref(), "mesh", AssetSet::mesh_range),
             |number| own_number(number, assets.as_ref(), "texture", AssetSet::texture_range),
@@ -215,7 +177,7 @@ impl SceneEditing {
                         .to_owned(),
                 ));
             }
-            self.check_conflict(base, &edit).map_err(fault)?;
+            self.check_conflict(base, own, &edit).map_err(fault)?;
             outline.check(&self.accepted, &edit).map_err(|error| fault(error.to_string()))?;
             self.accepted.apply(edit.clone());
             numbered.push(edit);
@@ -281,8 +243,14 @@ impl SceneEditing {
     }
 
     /// Checks that the target of an edit was not changed since `base`, the revision that the client
-    /// has seen.
-    fn check_conflict(&self, base: Option<Revision>, edit: &Edit) -> Result<(), String> {
+    /// has seen. `own` are the assets of its transaction: nobody else has changed these, though the
+    /// same file may have had the same numbers before.
+    fn check_conflict(
+        &self,
+        base: Option<Revision>,
+        own: Option<AssetSetId>,
+        edit: &Edit,
+    ) -> Result<(), String> {
         let (Some(base), Some(target)) = (base, EditTarget::of(edit)) else { return Ok(()) };
         if base < self.since {
             return Err(format!(
@@ -292,8 +260,8 @@ impl SceneEditing {
             ));
         }
         // Assets that came since may have the number of another that the client has seen.
-        let came_with: Vec<EditTarget> =
-            self.accepted.assets_named_by(edit).map(EditTarget::Assets).collect();
+        let of_others = self.accepted.assets_named_by(edit).filter(|id| Some(*id) != own);
+        let came_with: Vec<EditTarget> = of_others.map(EditTarget::Assets).collect();
         for changed in std::iter::once(&target).chain(&came_with) {
             let what = match changed {
                 EditTarget::Assets(_) => format!("what {target} shows"),

@@ -406,6 +406,27 @@ fn a_file_that_replaces_itself_again_and_again_takes_the_numbers_of_two() {
 }
 
 #[test]
+fn a_file_that_replaces_itself_is_not_in_its_own_way() {
+    let mut stage = ClusterFixture::with_house(1);
+    let id = stage.edit(bringing(1, 2));
+    stage.prepare_all();
+    stage.draw(&[0], 1_000);
+    let shown = stage.edited(id).expect("an answer").clone();
+    let mut gone = Transaction::default();
+    gone.remove(shown.created[0]);
+    stage.edit(gone);
+    // While that is prepared, the same file comes again, with the same numbers.
+    let id = stage.edit(Transaction { base: Some(shown.revision), ..bringing(1, 2) });
+    stage.prepare_all();
+    stage.prepare_all();
+    for _ in 0..3 {
+        stage.draw(&[0], 1_000);
+        stage.wait(0);
+    }
+    assert_eq!(stage.edited(id).expect("an answer").assets, shown.assets);
+}
+
+#[test]
 fn a_client_that_saw_another_material_of_a_number_is_refused() {
     let mut stage = ClusterFixture::with_house(1);
     let show = |stage: &mut ClusterFixture, transaction: Transaction| {
