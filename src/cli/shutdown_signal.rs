@@ -7,7 +7,8 @@ use rustix::process::{Signal, set_parent_process_death_signal};
 use tokio::signal::unix::{SignalKind, signal};
 
 /// Calls `on_request` on a thread of its own whenever this process is asked to end: by Ctrl-C,
-/// SIGTERM or, `with_parent`, the end of its parent. Requests count from the moment this returns.
+/// SIGTERM, the end of its terminal (SIGHUP, unless `nohup` has started it) or, `with_parent`, the
+/// end of its parent. Requests count from the moment this returns.
 pub(crate) fn watch_shutdown_signals(
     with_parent: bool,
     mut on_request: impl FnMut() + Send + 'static,
@@ -22,9 +23,10 @@ pub(crate) fn watch_shutdown_signals(
     let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
     // Listeners exist before this returns: until then a signal ends the process on the spot, and
     // whoever reads that the process is ready may send one at once.
-    let (mut interrupt, mut terminate) = {
+    let (mut interrupt, mut terminate, mut hangup) = {
         let _entered = runtime.enter();
-        (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?)
+        let hangup = (!is_hangup_ignored()).then(|| signal(SignalKind::hangup())).transpose()?;
+        (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?, hangup)
     };
     let mut parent = with_parent.then(parent_end).transpose()?;
     let watch = async move {
@@ -35,9 +37,16 @@ pub(crate) fn watch_shutdown_signals(
                     None => std::future::pending().await,
                 }
             };
+            let hangs_up = async {
+                match hangup.as_mut() {
+                    Some(hangup) => _ = hangup.recv().await,
+                    None => std::future::pending().await,
+                }
+            };
             let is_parent = tokio::select! {
                 _ = interrupt.recv() => false,
                 _ = terminate.recv() => false,
+                () = hangs_up => false,
                 () = parent_ends => true,
             };
             if is_parent {
@@ -56,6 +65,19 @@ pub(crate) fn shutdown_signal(with_parent: bool) -> io::Result<impl Future<Outpu
     let mut ask = Some(ask);
     watch_shutdown_signals(with_parent, move || drop(ask.take()))?;
     Ok(async { _ = asked.await })
+}
+
+/// Returns whether this process was started with SIGHUP ignored, as `nohup` does. A listener would
+/// take that away from it.
+fn is_hangup_ignored() -> bool {
+    std::fs::read_to_string("/proc/self/status").is_ok_and(|status| ignores_hangup(&status))
+}
+
+/// Returns whether SIGHUP, the first signal, is ignored by the process of this `/proc/PID/status`.
+fn ignores_hangup(status: &str) -> bool {
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask & 1 == 1)
 }
 
 /// Ready when the process that holds the other end of our standard input has ended.
@@ -80,11 +102,20 @@ mod tests {
     /// A listener that is not there yet when the call returns would let the signal end this test.
     #[test]
     fn a_signal_counts_as_soon_as_the_call_returns() {
-        let (asked, is_asked) = mpsc::sync_channel(3);
+        let (asked, is_asked) = mpsc::sync_channel(4);
+        let hangup = (!is_hangup_ignored()).then_some(Signal::HUP);
         watch_shutdown_signals(false, move || _ = asked.send(())).expect("listeners");
-        for signal in [Signal::TERM, Signal::INT, Signal::TERM] {
+        for signal in [Signal::TERM, Signal::INT, Signal::TERM].into_iter().chain(hangup) {
             kill_process(getpid(), signal).expect("sent");
             is_asked.recv().expect("a call for each signal");
         }
+    }
+
+    #[test]
+    fn a_hangup_that_is_ignored_is_read_from_the_mask_of_signals() {
+        let status = |mask| format!("Name:\tpolyptych\nSigBlk:\t1\nSigIgn:\t{mask}\nSigCgt:\t1\n");
+        assert!(ignores_hangup(&status("0000000000001001")));
+        assert!(!ignores_hangup(&status("0000000000001000")));
+        assert!(!ignores_hangup("Name:\tpolyptych\n"));
     }
 }

@@ -22,7 +22,7 @@ const RESUME_TIME_MAX: Duration = Duration::from_secs(2);
 pub(super) struct Interruption(Arc<AtomicBool>);
 
 impl Interruption {
-    /// Watches for Ctrl-C and SIGTERM. The first ends the film after its frame; the second gives
+    /// Watches for requests to end. The first ends the film after its frame; the second gives
     /// the wall its pace back and ends this process at once.
     ///
     /// # Errors
