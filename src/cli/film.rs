@@ -7,6 +7,7 @@
 
 mod film_output;
 mod interruption;
+mod wall_before;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -16,9 +17,10 @@ use anyhow::{Context, bail};
 use film_output::FilmOutput;
 use interruption::Interruption;
 use polyptych_client::blocking::Client;
-use polyptych_client::{Capture, ClientError, Pacing, ReconnectPolicy};
+use polyptych_client::{Capture, ClientError, ReconnectPolicy};
 use polyptych_text::{counted, printable};
 use serde::Serialize;
+use wall_before::WallBefore;
 
 use super::progress::ProgressReport;
 use super::remote::{numbers, positive};
@@ -36,6 +38,9 @@ const TRIES_MAX: u32 = 8;
 /// Maximum time that a frame waits for channels that are missing: a server is started again in
 /// seconds, and gets a large scene in a minute.
 const RETURN_TIME_MAX: Duration = Duration::from_mins(1);
+
+/// Maximum time that a frame waits for detail that servers load where a budget holds a part of it.
+const DETAIL_TIME_MAX: Duration = Duration::from_secs(15);
 
 /// Maximum number of frames that the report names in words.
 const NAMED_MAX: usize = 32;
@@ -95,6 +100,9 @@ struct RedrawnFrame {
 
 /// A source of pictures of a film.
 trait FilmSource {
+    /// Returns whether this frame will have more detail when it is drawn again.
+    fn awaits_detail(&mut self, time_s: f64) -> Result<bool, ClientError>;
+
     fn capture(&mut self, time_s: f64) -> Result<Capture, ClientError>;
 
     /// Waits until manager and channels of the wall are back, and no longer than this.
@@ -109,9 +117,19 @@ struct WallSource<'a> {
     client: &'a Client,
     progress: &'a ProgressReport,
     interruption: &'a Interruption,
+    /// `true` if a budget of GPU memory may hold less than all detail: what it holds follows where
+    /// frames are seen from.
+    is_budgeted: bool,
 }
 
 impl FilmSource for WallSource<'_> {
+    fn awaits_detail(&mut self, time_s: f64) -> Result<bool, ClientError> {
+        if !self.is_budgeted {
+            return Ok(false);
+        }
+        Ok(self.client.render_frame_at(None, Some(time_s))?.detail.awaits_detail)
+    }
+
     fn capture(&mut self, time_s: f64) -> Result<Capture, ClientError> {
         self.client.capture_at(Some(time_s))
     }
@@ -135,7 +153,9 @@ pub(super) fn film(arguments: &FilmArguments) -> anyhow::Result<ExitCode> {
     let reconnect = ReconnectPolicy { wait: RETURN_TIME_MAX, give_up_after: None };
     let client = arguments.manager.connect_for(Some(reconnect))?;
     let tour = client.tour()?;
-    if client.presentation()?.is_exposure_automatic {
+    let is_budgeted = client.wall()?.budget.gpu_mib.is_some();
+    let presentation = client.presentation()?;
+    if presentation.is_exposure_automatic {
         tracing::warn!(
             "the exposure is automatic, so that the film may be brighter or darker when it is made \
              again; set it with: polyptych exposure EV"
@@ -150,29 +170,35 @@ pub(super) fn film(arguments: &FilmArguments) -> anyhow::Result<ExitCode> {
         from_s,
         redrawn: Vec::new(),
     };
-    let interruption = Interruption::watch(client.clone(), tour.pace)?;
-    // Frames of the wall's own pace would show other times between those of the film.
-    if tour.pace.is_some() {
-        client.pause()?;
-    }
+    let before = WallBefore { pace: tour.pace, bounds: presentation.bounds };
+    let interruption = Interruption::watch(client.clone(), before)?;
     let progress = ProgressReport::start();
-    let mut source =
-        WallSource { client: &client, progress: &progress, interruption: &interruption };
-    let filmed = all_frames(&mut source, &mut output, &mut report, &progress);
+    let mut source = WallSource {
+        client: &client,
+        progress: &progress,
+        interruption: &interruption,
+        is_budgeted,
+    };
+    let suspended = before.suspend(&client).map_err(anyhow::Error::from);
+    let filmed =
+        suspended.and_then(|()| all_frames(&mut source, &mut output, &mut report, &progress));
     drop(progress);
     // What was written stays valid, however the film ended.
     let ended = output.finish();
-    let resumed = tour.pace.map_or(Ok(()), |pace| resume(&client, pace));
+    let resumed = before.restore(&client);
     if arguments.json {
         say(serde_json::to_string(&report)?)?;
     } else {
         say_report(&report)?;
     }
     if let (Err(_), Err(error)) = (&filmed, &resumed) {
-        tracing::warn!(%error, "the wall may stay paused; the page lets it run again, by its pace");
+        tracing::warn!(
+            %error,
+            "the wall may stay paused and without its rate bound; the page gives it both again"
+        );
     }
     filmed.and(ended)?;
-    resumed.context("the film is whole, but the wall does not run on")?;
+    resumed.context("the film is whole, but the wall does not run on as before")?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -203,13 +229,17 @@ fn is_lost(error: &ClientError) -> bool {
     error.is_outcome_unknown() || matches!(error, ClientError::NotConnected { .. })
 }
 
-/// Gives the wall its pace back. Asks once more if the manager is lost before it has answered: to
-/// be told twice changes nothing.
-fn resume(client: &Client, pace: Pacing) -> Result<(), ClientError> {
-    match client.start_rendering(pace) {
-        Err(error) if error.is_outcome_unknown() => client.start_rendering(pace),
-        resumed => resumed,
+/// Draws a frame until it has the detail that servers hold for it, and no longer than
+/// [`DETAIL_TIME_MAX`].
+fn await_detail(source: &mut impl FilmSource, time_s: f64) -> Result<(), ClientError> {
+    let began = Instant::now();
+    while source.awaits_detail(time_s)? && !source.is_interrupted() {
+        if began.elapsed() >= DETAIL_TIME_MAX {
+            tracing::warn!(time_s, "detail has not come; the frame is filmed without it");
+            break;
+        }
     }
+    Ok(())
 }
 
 /// Captures a frame until all channels are in it.
@@ -225,7 +255,7 @@ fn whole_frame(
     let (mut missing, mut lost) = (Vec::<(String, String)>::new(), None);
     let mut began = None;
     for tries in 1..=TRIES_MAX {
-        match source.capture(time_s) {
+        match await_detail(source, time_s).and_then(|()| source.capture(time_s)) {
             Ok(capture) if capture.missing.is_empty() => {
                 if tries > 1 {
                     redrawn.push(RedrawnFrame { frame, time_s, tries, missing, lost });
@@ -291,6 +321,9 @@ mod tests {
     #[derive(Default)]
     struct Script {
         captures: u32,
+        draws: u32,
+        /// Draws after which more detail comes.
+        coarse: u32,
         missing: Vec<u32>,
         /// Captures during which the manager goes.
         lost: Vec<u32>,
@@ -302,6 +335,11 @@ mod tests {
     }
 
     impl FilmSource for Script {
+        fn awaits_detail(&mut self, _: f64) -> Result<bool, ClientError> {
+            self.draws += 1;
+            Ok(self.draws <= self.coarse)
+        }
+
         fn capture(&mut self, _: f64) -> Result<Capture, ClientError> {
             self.captures += 1;
             if self.lost.contains(&self.captures) {
@@ -360,6 +398,16 @@ mod tests {
         assert_eq!((script.captures, script.waits), (2, 1));
         let lost = redrawn[0].lost.as_deref().expect("a reason");
         assert!(lost.contains("did not answer"), "{lost}");
+    }
+
+    #[test]
+    fn a_frame_is_captured_once_its_detail_is_there() {
+        let mut script = Script { coarse: 3, ..Script::default() };
+        whole_frame(&mut script, 0, 0.0, &mut Vec::new()).expect("whole");
+        assert_eq!((script.draws, script.captures), (4, 1));
+        let mut script = Script { coarse: u32::MAX, interrupted: 1, captures: 1, ..script };
+        whole_frame(&mut script, 0, 0.0, &mut Vec::new()).expect("whole");
+        assert_eq!((script.draws, script.captures), (5, 2), "an interrupted film waits no longer");
     }
 
     #[test]

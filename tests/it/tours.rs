@@ -14,7 +14,7 @@ use crate::harness::process::Process;
 use crate::harness::scenes::Gltf;
 use crate::harness::wait;
 use polyptych_client::glam::DVec3;
-use polyptych_client::{ChannelState, Pacing};
+use polyptych_client::{ChannelState, Pacing, QualityBounds};
 
 /// Frames of a film: enough that a test stops it on its way on a busy machine.
 const FRAMES: u32 = 90;
@@ -160,15 +160,20 @@ fn a_film_of_a_tour_is_the_same_again_whatever_happens_to_a_server() {
 #[test]
 fn a_film_that_is_interrupted_leaves_the_wall_at_its_pace() {
     let local = wall();
+    let bounds = QualityBounds { error_px: 0.5, rate_fps: Some(30.0) };
+    local.client().set_bounds(bounds).expect("bounds");
+    let bounds_now = || local.client().presentation().expect("a presentation").bounds;
     let pace = Some(Pacing::Rate(20.0));
     local.client().start_rendering(Pacing::Rate(20.0)).expect("running");
     let arguments = ["film", "cut", "--frames", "1000000", "--fps", "10"];
     let (mut film, _) = begin_film(&local, &arguments, &local.place.path("cut"));
     assert_eq!(local.client().tour().expect("how it stands").pace, None, "the film has paused it");
+    assert_eq!(bounds_now(), QualityBounds { rate_fps: None, ..bounds }, "a film takes its time");
     film.signal(Signal::INT);
     film.signal(Signal::CONT);
     film.finish(wait::LIMIT).failed(&["interrupted after", "of 1000000 frames"]);
     assert_eq!(local.client().tour().expect("how it stands").pace, pace);
+    assert_eq!(bounds_now(), bounds);
 }
 
 #[test]

@@ -5,9 +5,9 @@ use std::sync::{Arc, mpsc};
 use std::thread::Builder;
 use std::time::Duration;
 
-use polyptych_client::Pacing;
 use polyptych_client::blocking::Client;
 
+use super::wall_before::WallBefore;
 use crate::cli::shutdown_signal::watch_shutdown_signals;
 use crate::logging;
 
@@ -23,11 +23,11 @@ pub(super) struct Interruption(Arc<AtomicBool>);
 
 impl Interruption {
     /// Watches for requests to end. The first ends the film after its frame; the second gives
-    /// the wall its pace back and ends this process at once.
+    /// the wall back what it had before, and ends this process at once.
     ///
     /// # Errors
     /// The system lets this process handle no signals.
-    pub fn watch(client: Client, pace: Option<Pacing>) -> std::io::Result<Self> {
+    pub fn watch(client: Client, before: WallBefore) -> std::io::Result<Self> {
         let asked = Self::default();
         let on_request = asked.clone();
         watch_shutdown_signals(false, move || {
@@ -35,7 +35,7 @@ impl Interruption {
                 logging::say_warning("interrupted: the film ends after this frame");
                 return;
             }
-            match resumed_by(&client, pace) {
+            match resumed_by(&client, before) {
                 Ok(()) => logging::say_warning("interrupted again: the film ends at once"),
                 Err(error) => logging::say_warning(&format!("the wall may stay paused: {error}")),
             }
@@ -51,13 +51,13 @@ impl Interruption {
     }
 }
 
-/// Gives the wall its pace back. A manager that is away is not waited for as long as a film would.
-fn resumed_by(client: &Client, pace: Option<Pacing>) -> Result<(), String> {
-    let Some(pace) = pace else { return Ok(()) };
+/// Gives the wall back what it had before. A manager that is away is not waited for as long as a
+/// film would.
+fn resumed_by(client: &Client, before: WallBefore) -> Result<(), String> {
     let (done, answer) = mpsc::sync_channel(1);
     let client = client.clone();
     // Whoever asks twice wants this process to end: the thread ends with it.
-    let resume = move || drop(done.send(client.start_rendering(pace)));
+    let resume = move || drop(done.send(before.restore(&client)));
     Builder::new().name("resume".into()).spawn(resume).map_err(|error| error.to_string())?;
     match answer.recv_timeout(RESUME_TIME_MAX) {
         Ok(resumed) => resumed.map_err(|error| error.to_string()),
