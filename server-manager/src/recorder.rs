@@ -155,10 +155,16 @@ impl Recorder {
 
     /// The core is about to be told something.
     pub(crate) fn input(&mut self, cluster: &Cluster, now: Micros, input: &Input) {
-        if let Some(is_contiguous) = self.buffer.wants_segment() {
-            self.segment(is_contiguous, InitialState::Checkpoint(cluster.checkpoint()));
-        }
-        self.note(&Record::Input { now, input });
+        let record: RecordRef<'_> = Record::Input { now, input };
+        let is_contiguous = match self.buffer.wants_segment() {
+            Some(is_contiguous) => is_contiguous,
+            None if self.buffer.append_input(|bytes| append(&record, bytes)) => return,
+            // A large one, of which nothing is lost: it follows the state with which the next
+            // segment begins.
+            None => true,
+        };
+        self.segment(is_contiguous, InitialState::Checkpoint(cluster.checkpoint()));
+        self.note(&record);
     }
 
     /// Records the core's decision on the last input.
@@ -181,8 +187,12 @@ impl Recorder {
     }
 
     fn note(&self, record: &RecordRef<'_>) {
-        self.buffer.append(|bytes| polyptych_codec::append_framed(record, bytes));
+        self.buffer.append(|bytes| append(record, bytes));
     }
+}
+
+fn append(record: &RecordRef<'_>, bytes: &mut Vec<u8>) {
+    polyptych_codec::append_framed(record, bytes);
 }
 
 impl Drop for Recorder {

@@ -17,6 +17,9 @@ const BUFFER_BYTES_MAX: usize = 8 << 20;
 /// Room that is left for what one input brings, before a segment counts as full.
 const SEGMENT_MARGIN: u64 = 256 << 10;
 
+/// Room that is left behind an input for the core's decision on it, which takes a hundred bytes.
+const DECISION_BYTES_MAX: u64 = 4 << 10;
+
 /// Records of one segment that are written together.
 #[derive(Debug)]
 pub(super) struct RecordBatch {
@@ -94,9 +97,22 @@ impl Buffer {
 
     /// Adds the record that `write` writes, or leaves it out where there is no room.
     pub fn append(&self, write: impl FnOnce(&mut Vec<u8>)) {
+        self.add(write, None);
+    }
+
+    /// Adds the input that `write` writes, as [`append`](Self::append) does. Returns `false`, and
+    /// adds nothing, if the present segment has no room for it and the decision on it: it belongs
+    /// into a new one then.
+    pub fn append_input(&self, write: impl FnOnce(&mut Vec<u8>)) -> bool {
+        self.add(write, Some(DECISION_BYTES_MAX))
+    }
+
+    /// Adds a record, or leaves it out. Returns `false` if the present segment has no room for it
+    /// and so many bytes more, where that is asked.
+    fn add(&self, write: impl FnOnce(&mut Vec<u8>), room_behind: Option<u64>) -> bool {
         let state = &mut *self.lock();
         if state.failure.is_some() || state.has_lost {
-            return;
+            return true;
         }
         state.record.clear();
         write(&mut state.record);
@@ -109,17 +125,21 @@ impl Buffer {
                 "nothing is recorded: the state of this wall takes {mib} MiB, more than a part of \
                  a recording"
             ));
-            return;
+            return true;
         }
         let others = state.bytes - state.large_bytes;
         // One that is larger than the buffer takes no part of it.
         let is_large = is_state || bytes > BUFFER_BYTES_MAX;
         let is_slow = !is_large && others + bytes > BUFFER_BYTES_MAX;
-        if is_slow || segment_bytes > self.segment_bytes_max {
+        let is_full = |room| segment_bytes + room > self.segment_bytes_max;
+        if !is_slow && room_behind.is_some_and(is_full) {
+            return false;
+        }
+        if is_slow || is_full(0) {
             let reason = if is_slow { "the disk is too slow" } else { "a part is full" };
             tracing::warn!(reason, bytes, "the recording has a gap here");
             state.has_lost = true;
-            return;
+            return true;
         }
         state.bytes += bytes;
         state.large_bytes += if is_large { bytes } else { 0 };
@@ -139,6 +159,7 @@ impl Buffer {
                 self.filled.notify_one();
             }
         }
+        true
     }
 
     /// Waits for a whole piece or the period, and takes what is there; `None` at the end.

@@ -280,6 +280,27 @@ fn the_ring_is_bounded_and_its_last_segments_replay_from_a_checkpoint() {
 }
 
 #[test]
+fn a_large_input_at_the_end_of_a_segment_begins_the_next() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("wall.rec");
+    let ring = Ring::open_with(&path, SMALL_SEGMENT).expect("a file");
+    let mut life = RandomRun::new(Recorder::write_to(ring, &path).expect("a thread"), 7);
+    (0..CHANNELS).for_each(|_| life.join());
+    // The first leaves room for inputs as they are, and not for the second.
+    for kib in [200, 400] {
+        let (session, reason) = (SessionId(999), "?".repeat(kib << 10));
+        life.tell(Input::ServerGone { session, reason });
+    }
+    life.ask(Request::SetExposure(1.0));
+    drop(life);
+    let replayed = replayed(&path);
+    assert_eq!((replayed.first_difference, replayed.violation), (None, None));
+    // A client, servers, both of these, and a request.
+    assert_eq!((replayed.parts.len(), replayed.inputs), (1, 1 + u64::from(CHANNELS) + 2 + 1));
+    assert!(replayed.parts[0].is_from_start && replayed.parts[0].has_end);
+}
+
+#[test]
 fn a_torn_recording_is_read_up_to_the_tear() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("wall.rec");
