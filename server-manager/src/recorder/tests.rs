@@ -428,6 +428,21 @@ fn a_kept_incident_holds_the_invariants_from_wherever_it_is_cut() {
 }
 
 #[test]
+fn an_incident_may_end_while_a_scene_is_baked_and_a_session_is_read() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("wall.rec");
+    let ring = Ring::open_with(&path, SMALL_SEGMENT).expect("a file");
+    let mut life = RandomRun::new(Recorder::write_to(ring, &path).expect("a thread"), 8);
+    life.ask(Request::OpenScene { path: "town.glb".into(), scene: None });
+    life.ask(Request::OpenSession { name: "evening".into() });
+    drop(life);
+    let reader = RingReader::open(&path).expect("a recording");
+    let incident = Incident::extract(&reader, &TimeRange::default(), "a test").expect("cut");
+    let checked = incident.check().expect("both requests are answered");
+    assert_eq!(checked.requests, 2);
+}
+
+#[test]
 fn channel_states_are_named_in_order() {
     let cluster = Cluster::new(wall(), Epoch(1));
     let states: Vec<_> = cluster.channel_states().map(|(name, state, ..)| (name, state)).collect();

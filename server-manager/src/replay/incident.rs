@@ -8,7 +8,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use polyptych_core::{Checkpoint, Cluster, Input, Micros};
+use polyptych_core::{Checkpoint, ClientRequest, Cluster, Effect, Input, Micros};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -169,11 +169,11 @@ impl Incident {
         let deadline = Micros::from(cluster.wall().deadline.max_ms) * 1000;
         let invariants = Invariants::new(&cluster, is_from_start, "the incident".into());
         let checked = Checked::default();
-        let imports = Vec::new();
+        let (imports, sessions) = (Vec::new(), Vec::new());
         // A checkpoint was taken just before the first line.
         let first = self.lines.first().map_or(0, |line| line.now);
         let now = if is_from_start { 0 } else { first };
-        let mut check = Check { cluster, now, invariants, deadline, checked, imports };
+        let mut check = Check { cluster, now, invariants, deadline, checked, imports, sessions };
         for IncidentEntry { now, input } in self.lines {
             check.pass_time(now)?;
             // The core that is tested sets its own.
@@ -254,7 +254,9 @@ struct Check {
     deadline: Micros,
     checked: Checked,
     /// Bakes that have not ended.
-    imports: Vec<polyptych_core::ClientRequest>,
+    imports: Vec<ClientRequest>,
+    /// Sessions that are being read.
+    sessions: Vec<ClientRequest>,
 }
 
 impl Check {
@@ -264,6 +266,7 @@ impl Check {
         match input {
             Input::Request { .. } => self.checked.requests += 1,
             Input::Import { job, .. } => self.imports.retain(|other| other != job),
+            Input::Session { job, .. } => self.sessions.retain(|other| other != job),
             _ => {}
         }
         let began = self.invariants.frame_began();
@@ -279,8 +282,10 @@ impl Check {
             }
         }
         for output in outputs {
-            if let polyptych_core::Effect::Import { job, .. } = output {
-                self.imports.push(job);
+            match output {
+                Effect::Import { job, .. } => self.imports.push(job),
+                Effect::OpenSession { job, .. } => self.sessions.push(job),
+                _ => {}
             }
         }
         Ok(())
@@ -304,6 +309,10 @@ impl Check {
         for job in std::mem::take(&mut self.imports) {
             let imported = Err("the incident ends here".into());
             self.tell(self.now, &Input::Import { job, imported })?;
+        }
+        for job in std::mem::take(&mut self.sessions) {
+            let session = Err("the incident ends here".into());
+            self.tell(self.now, &Input::Session { job, session })?;
         }
         let end = self.now + SETTLE_TIME_MAX;
         while !self.invariants.open().is_empty() && self.now < end {
