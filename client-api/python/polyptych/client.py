@@ -77,6 +77,7 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         """Connects; see :meth:`connect`."""
         self._options = options
         self._lock = threading.RLock()
+        self._is_closed = False
         self._wall_name: Optional[str] = None
         self._epoch = ""
         self._screens: Optional[Tuple[str, Wall]] = None
@@ -149,10 +150,12 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
             return self._transports[-1].is_connected
 
     def close(self) -> None:
-        """Closes the connection for good. What is temporary of this client ends."""
-        with self._lock:
-            for transport in self._transports:
-                transport.close("this program closed it")
+        """Closes the connection for good. What is temporary of this client ends, and so does a call
+        that another thread waits for, with :class:`ConnectionLost`."""
+        # Without the lock, which that call holds.
+        self._is_closed = True
+        for transport in list(self._transports):
+            transport.close("this program closed it")
 
     def request(self, request: WireRequest) -> Any:
         """Sends any request in the form of the wire, and returns its answer as JSON.
@@ -272,14 +275,15 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         said = transport.introduction(call)
         wall, epoch = str(said.get("wall")), str(said.get("epoch"))
         if self._wall_name not in (None, wall):
-            reason = f"it drives wall {wall} now, not {self._wall_name}"
-            raise Handshake(self.address, reason)
+            raise Handshake(self.address, f"it drives wall {wall} now, not {self._wall_name}")
         self._wall_name, self._epoch = wall, epoch
 
     def _exchange(self, call: Call) -> Answer:
         with self._lock:
             transport = self._transports[-1]
             self._transports.append(self._new_transport())
+            if self._is_closed:
+                self.close()
             try:
                 answer = transport.exchange(call)
             finally:
@@ -412,13 +416,12 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
                 asked["time_s"] = encode(float(time_s))
             except ValueError as error:
                 raise Failed(_CAPTURE, str(error)) from None
-        options = self._options
         return Call(
             _CAPTURE,
             "GET",
             f"{path}?{urlencode(asked)}" if asked else path,
-            options.timeouts.capture,
-            bytes_max=options.capture_bytes_max,
+            self._options.timeouts.capture,
+            bytes_max=self._options.capture_bytes_max,
         )
 
     def _repr_png_(self) -> Optional[bytes]:

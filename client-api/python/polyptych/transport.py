@@ -321,9 +321,12 @@ class Transport:
         except (OSError, http.client.HTTPException) as error:
             self.drop()
             raise self._lost(call, error) from None
-        except BaseException:
+        except BaseException as error:
             # An answer that was not read would be taken for that of the next request.
             self.drop()
+            # Where another thread closes the connection, http.client may find nothing to read from.
+            if isinstance(error, (AttributeError, ValueError)) and self._close_reason is not None:
+                raise self._lost(call, error) from None
             raise
         self._answered_at = self.clock()
         if response.status != http.client.OK:

@@ -412,6 +412,26 @@ class Connecting(unittest.TestCase):
                 wall.status()
             self.assertEqual(double.requests, [])
 
+    def test_a_client_is_closed_while_another_thread_awaits_an_answer(self) -> None:
+        asked, held = threading.Event(), threading.Event()
+        self.addCleanup(held.set)
+
+        def is_silent(connected: socket.socket, *_: Any) -> bool:
+            asked.set()
+            held.wait(20.0)
+            return False
+
+        patient = replace(QUICK, other=20.0)
+        with ManagerDouble(is_silent) as double, ThreadPoolExecutor() as pool:
+            wall = connect(double, timeouts=patient)
+            pausing = pool.submit(wall.pause)
+            self.assertTrue(asked.wait(20.0))
+            wall.close()
+            # A close that waits for the call finds that it has timed out.
+            error = pausing.exception(timeout=20.0)
+            self.assertIsInstance(error, polyptych.ConnectionLost)
+            self.assertIn("this program closed it", str(error))
+
     def test_addresses_have_a_usual_port(self) -> None:
         for text, expected in (
             ("wall-3", ("wall-3", 7880)),
