@@ -75,6 +75,16 @@ impl StereoEye {
         };
         if wall.channels.iter().any(is_right) { &[Self::Left, Self::Right] } else { &[Self::Left] }
     }
+
+    /// Pixels across all pictures of a wall's screens, side by side.
+    pub fn pixels_across(wall: &Wall) -> u64 {
+        let screens = (0..).zip(&wall.screens);
+        let across = screens.map(|(index, screen)| {
+            let eyes = Self::of(wall, index).len() as u64;
+            eyes * u64::from(screen.canvas.x)
+        });
+        across.sum()
+    }
 }
 
 /// Returns whether an eye's view of a screen differs from the codes of its tiles beside each other.

@@ -291,11 +291,6 @@ impl Cluster {
 /// The side of the squares of pixels of which a preview has the mean light, so that all screens
 /// side by side have at least so many squares across, if they have so many pixels.
 fn preview_side(wall: &Wall, width: u32) -> NonZeroU32 {
-    let screens = (0..).zip(&wall.screens);
-    let across = screens.map(|(index, screen)| {
-        let eyes = StereoEye::of(wall, index).len() as u64;
-        eyes * u64::from(screen.canvas.x)
-    });
-    let side = across.sum::<u64>().checked_div(u64::from(width)).unwrap_or(1);
+    let side = StereoEye::pixels_across(wall).checked_div(u64::from(width)).unwrap_or(1);
     u32::try_from(side).ok().and_then(NonZeroU32::new).unwrap_or(NonZeroU32::MIN)
 }

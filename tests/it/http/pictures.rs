@@ -101,6 +101,12 @@ fn previews_are_shared_and_show_the_last_frame() {
     assert!(Difference::of(&image_of(&preview), &shown).holds(&IDENTICAL), "the same moment");
     page.ask("GET", "/wall.png?max_age_ms=9&time_s=1", None).refused(400, "shared");
 
+    // A small picture of a channel is a preview too: the wall's clock stays.
+    let tile = page.ask("GET", "/channels/front-2-1.png?width=60", None);
+    assert_eq!(image_of(&tile).dimensions(), (60, 68));
+    assert_eq!(client.redraw(None).expect("drawn").time_s, 3.0, "no clock has moved");
+    page.ask("GET", "/channels/none.png?width=60", None).refused(404, "front-1-1");
+
     // On a wall that runs a preview comes with a frame that it draws anyway.
     client.start_rendering(Pacing::Rate(20.0)).expect("runs");
     let small = page.ask("GET", "/wall.jpg?width=64&max_age_ms=1", None);

@@ -24,6 +24,8 @@ let isStale = false;
 let isLoading = false;
 /** The buttons on the picture, each with its handle. */
 let shown = [];
+/** The last picture was refused, which was said. */
+let isRefused = false;
 /** The end of all work that has been begun, and how much of it is not done. */
 let turn = Promise.resolve();
 let turns = 0;
@@ -76,7 +78,12 @@ async function loadPicture() {
   isLoading = true;
   try {
     const answer = await fetch(`${path()}.jpg?width=${PICTURE_WIDTH}`);
-    if (answer.ok && channel) {
+    if (!answer.ok) {
+      const { error } = await answer.json();
+      if (!isRefused) log(`no picture of the channel: ${error}`, true);
+      isRefused = true;
+    } else if (channel) {
+      isRefused = false;
       const image = byId("align-picture");
       const old = image.src;
       image.src = URL.createObjectURL(await answer.blob());
@@ -216,7 +223,7 @@ async function begin() {
   state.wall = wall;
   channel = structuredClone(found);
   first = structuredClone(channel.adjustment);
-  [undone, waiting, isStale] = [[], new Map(), false];
+  [undone, waiting, isStale, isRefused] = [[], new Map(), false, false];
   byId("align").hidden = false;
   byId("align-begin").disabled = byId("align-channel").disabled = true;
   byId("align-undo").disabled = true;

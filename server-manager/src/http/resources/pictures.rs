@@ -7,6 +7,8 @@ use hyper::header::{HeaderName, HeaderValue};
 use hyper::{Response, StatusCode};
 use polyptych_protocol::request::{CaptureInfo, Request, Response as WallResponse};
 use polyptych_text::printable;
+use polyptych_wall::Wall;
+use polyptych_wall::light_composite::StereoEye;
 use tokio::sync::OwnedSemaphorePermit;
 
 use crate::http::HttpContext;
@@ -69,7 +71,9 @@ pub(in crate::http) const ROUTES: &[Route] = &[
     Route {
         method: "GET",
         path: "/channels/{name}.{format}",
-        summary: "A picture of a channel, as its display has it.",
+        summary: "A picture of a channel, as its display has it. With `width` and without \
+                  `time_s` it is a preview: it moves no clock, its server sends only about so \
+                  many pixels, and it waits for no channel longer than other frames do.",
         query: &[OF_WIDTH, OF_TIME],
         body: None,
         action: Action::Picture(PictureOf::Channel),
@@ -118,7 +122,12 @@ pub(in crate::http) async fn answer(
         return Ok(with_size(format, encoded, None));
     }
     let turn = turn(context).await?;
-    let answered = connection.ask(&call.headers, Request::Capture { time_s }).await?;
+    let is_small = call.query.get("width").is_some() && time_s.is_none();
+    let request = match of {
+        PictureOf::Channel if is_small => small_preview(connection, call, width).await?,
+        _ => Request::Capture { time_s },
+    };
+    let answered = connection.ask(&call.headers, request).await?;
     let WallResponse::Captured(info) = answered.response else {
         return Err(Refusal::unavailable("the manager sent another answer"));
     };
@@ -141,6 +150,29 @@ pub(in crate::http) async fn answer(
         headers.insert(MISSING, names);
     }
     Ok(answer)
+}
+
+/// Asks for the smallest preview that has enough pixels for a channel's picture of a width: all
+/// pixels of a large wall are more than one capture may have, and load the network for nothing.
+async fn small_preview(
+    connection: &Connection,
+    call: &Call,
+    width: u32,
+) -> Result<Request, Refusal> {
+    let answered = connection.ask(&call.headers, Request::DescribeWall).await?;
+    let WallResponse::Wall(wall) = answered.response else {
+        return Err(Refusal::unavailable("the manager sent another answer"));
+    };
+    Ok(Request::Preview { width: width_of_all(&wall, &call.name(), width) })
+}
+
+/// The pixels across all screens of a preview in which a channel has this many or more, if it has
+/// so many. Of a channel that is none it is 1: the preview says which there are.
+fn width_of_all(wall: &Wall, channel: &str, width: u32) -> u32 {
+    let Some(channel) = wall.channels.iter().find(|of| of.name == channel) else { return 1 };
+    let own = u64::from(channel.display_size().x).max(1);
+    let all = StereoEye::pixels_across(wall).saturating_mul(u64::from(width)).div_ceil(own);
+    u32::try_from(all).unwrap_or(u32::MAX)
 }
 
 /// The width that is asked for, at least 1.
