@@ -277,6 +277,7 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         if self._wall_name not in (None, wall):
             raise Handshake(self.address, f"it drives wall {wall} now, not {self._wall_name}")
         self._wall_name, self._epoch = wall, epoch
+        transport.epoch = epoch
 
     def _exchange(self, call: Call) -> Answer:
         with self._lock:
@@ -339,16 +340,15 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
         """A call that asks over another connection for the status, while its answer is awaited, and
         whose time limit begins anew while the status says that it goes on."""
 
-        epoch = self._epoch
-
         def ask() -> bool:
             call = Call("read the status", "GET", "/status", self._options.timeouts.other)
             try:
                 status = decode(WallStatus, json.loads(self._exchange(call).body))
             except (ClientError, Mismatch, ValueError):
                 return False
-            # Another life of the manager knows nothing of the call.
-            return self._epoch == epoch and is_going_on(status)
+            # Another life of the manager than that which was sent the call knows nothing of it.
+            sent, asked = self._transports[-2:]
+            return sent.epoch == asked.epoch and is_going_on(status)
 
         period_s = min(5.0, timeout_s / 4.0)
         return Call("", "", "", timeout_s, is_going_on=ask, period_s=period_s)

@@ -137,6 +137,8 @@ class Transport:
         self._close_reason: Optional[str] = None
         self._authorization: Optional[str] = None
         self._answered_at = 0.0
+        #: The life of the manager that this connection is with, once it is introduced.
+        self.epoch = ""
         #: The time in seconds, which only goes forwards.
         self.clock: Callable[[], float] = time.monotonic
         #: Checks who the manager is, on every new connection of the transport that it is given.

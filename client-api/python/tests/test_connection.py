@@ -153,6 +153,27 @@ class Outcomes(unittest.TestCase):
                 self.assertTrue(double.ended.acquire(timeout=20.0), "the one that asked")
                 self.assertTrue(wall.is_connected)
 
+    def test_the_first_call_after_a_restart_is_awaited_as_any_other(self) -> None:
+        opening = [{"scene": "town", "progress": {"stage": "baking", "percent": 7}}]
+        restarted = dict(STATUS, epoch="00000000000000cc", opening=opening)
+
+        def ends_or_opens(connected: socket.socket, _: str, path: str, body: bytes) -> bool:
+            if "OpenScene" not in json.loads(body):
+                return False
+            # Of these at most 8 are asked for within the limit.
+            for _ in range(10):
+                self.assertTrue(double.statuses.acquire(timeout=20.0))
+            connected.sendall(answer(422, {"error": "the scene is gone"}))
+            return True
+
+        with ManagerDouble(ends_or_opens) as double, connect(double) as wall:
+            with self.assertRaises(polyptych.ConnectionLost):
+                wall.set_exposure(1.0)
+            double.status = restarted
+            with self.assertRaisesRegex(polyptych.Failed, "the scene is gone"):
+                wall.open_scene("town.glb")
+            self.assertEqual(wall.epoch, "00000000000000cc")
+
     def test_progress_can_call_the_wall_that_opens_the_scene(self) -> None:
         progress = {"stage": "baking", "percent": 7}
         status = dict(STATUS, opening=[{"scene": "town", "progress": progress}], frame=9)
