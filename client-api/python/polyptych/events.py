@@ -64,14 +64,17 @@ Event = Union[StatusEvent, FeedbackEvent, LogEvent, LostEvent]
 class EventStream:
     """An iterator of events, over a connection of its own, until :meth:`close`.
 
-    A stream that is lost is begun again: nothing is done twice by that. If there is no connection
-    within the time of ``ReconnectPolicy.wait``, the iterator raises ``NotConnected``.
+    A stream that is lost is begun again: nothing is done twice by that, but what happened meanwhile
+    is left out; :attr:`reconnects` counts these gaps. If there is no connection within the time of
+    ``ReconnectPolicy.wait``, the iterator raises ``NotConnected``.
     """
 
     def __init__(self, connect: Callable[[], Transport], with_feedback: bool) -> None:
         self._transport = connect()
         self._path = "/events?feedback=true" if with_feedback else "/events"
         self._response: Optional[http.client.HTTPResponse] = None
+        #: The number of times it was begun again. Nothing says what a gap has left out.
+        self.reconnects = 0
         self._begin()
 
     def __enter__(self) -> EventStream:
@@ -120,7 +123,10 @@ class EventStream:
 
     def _next_block(self) -> Tuple[str, str]:
         """The name and the data of the next event."""
-        response = self._response or self._begin()
+        response = self._response
+        if response is None:
+            response = self._begin()
+            self.reconnects += 1
         name, data = "message", list[str]()
         while True:
             line = response.readline().decode("utf-8", "replace")
@@ -156,7 +162,8 @@ class EventStream:
 class FeedbackStream:
     """An iterator of the feedback of every frame that is shown after it was made.
 
-    Frames that the program did not read in time are left out; :attr:`lost` counts them.
+    Frames that the program did not read in time are left out; :attr:`lost` counts them. Those of a
+    time without a connection are left out too; :attr:`reconnects` counts such gaps.
     """
 
     def __init__(self, events: EventStream) -> None:
@@ -184,6 +191,11 @@ class FeedbackStream:
             if isinstance(event, LostEvent):
                 self.lost += event.events
         raise StopIteration
+
+    @property
+    def reconnects(self) -> int:
+        """The number of times it was begun again, as :attr:`EventStream.reconnects`."""
+        return self._events.reconnects
 
     def close(self) -> None:
         """Ends the stream, as :meth:`EventStream.close` does."""

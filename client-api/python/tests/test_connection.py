@@ -484,6 +484,9 @@ class Events(unittest.TestCase):
         with ManagerDouble(streams) as double:
             with connect(double) as wall, wall.events() as events:
                 seen = [next(events) for _ in range(6)]
+                self.assertEqual(events.reconnects, 1)
+                with wall.feedback() as frames:
+                    self.assertEqual(frames.reconnects, 1)
             with self.assertRaises(polyptych.Closed):
                 next(events)
         kinds = [type(event).__name__ for event in seen]
