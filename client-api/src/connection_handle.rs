@@ -176,14 +176,13 @@ impl ConnectionHandle {
         } else {
             let until = state.lost.as_ref().and_then(|_| now.checked_add(shared.wait()));
             let connection = state.connection;
-            let outgoing = Outgoing { id, connection, until, after, bytes: message };
+            let outgoing = Outgoing { id, connection, until, after, is_stop, bytes: message };
             self.outgoing.try_send(outgoing).map_err(|_| full())
         };
         if let Err(error) = sent {
             state.open.remove(id);
             return Err(error);
         }
-        state.has_stopped |= is_stop;
         shared.deadline_moved.notify_one();
         Ok(Pending::new(id, name, receiver, self.clone()))
     }
@@ -302,6 +301,7 @@ impl Shared {
         let now = tokio::time::Instant::now().into_std();
         let state = &mut *self.lock();
         let is_due = state.is_due(now, &outgoing);
+        state.has_stopped |= is_due && outgoing.is_stop;
         state.open.send(now, outgoing.id, outgoing.after);
         let session = state.session;
         if let Some(waiter) = state.open.waiter_mut(outgoing.id) {

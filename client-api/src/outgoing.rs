@@ -19,6 +19,8 @@ pub(crate) struct Outgoing {
     pub until: Option<Instant>,
     /// The time that the request may take, once it is sent.
     pub after: Duration,
+    /// `true` if it asks the manager to end: once it is sent, no other connection is made.
+    pub is_stop: bool,
     pub bytes: Bytes,
 }
 
@@ -129,6 +131,22 @@ mod tests {
         let taken = std::iter::from_fn(|| queue.try_recv());
         let sent: Vec<_> = taken.map(|next| link.shared.take_to_send(next).is_some()).collect();
         assert_eq!(sent, [false, true], "nobody was told of the second");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn only_a_stop_that_is_sent_ends_reconnection() {
+        let (link, mut queue) = connected();
+        link.shared.handle_loss(&CloseReason::lost("torn"));
+        drop(link.post(Request::Stop, Wanted::default()).expect("posted"));
+        wait(&link, WAIT).await;
+        link.shared.handle_connected(&welcome());
+        drop(link.post(Request::Stop, Wanted::default()).expect("posted"));
+        let mut send = || {
+            let is_sent = queue.try_recv().map(|next| link.shared.take_to_send(next).is_some());
+            (is_sent, link.shared.wants_connection())
+        };
+        assert_eq!(send(), (Some(false), true), "no manager was asked to end");
+        assert_eq!(send(), (Some(true), false));
     }
 
     #[tokio::test(start_paused = true)]
