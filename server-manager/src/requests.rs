@@ -76,6 +76,12 @@ impl RequestQueues {
         }
     }
 
+    /// Returns whether a client has asked something that it has no answer to yet.
+    pub fn awaits_answer(&self, from: SessionId) -> bool {
+        // Of one that awaits none nothing is kept.
+        self.lock().contains_key(&from)
+    }
+
     /// Ready when there may be something to serve.
     pub async fn news(&self) {
         self.news.notified().await;
@@ -213,6 +219,7 @@ mod tests {
         ask(&turns, 3, 11);
         assert_eq!([next(&mut turns), next(&mut turns)], [Some(10), Some(11)]);
         let finish = |turns: &Turns, id| turns.queues().finish(SessionId(3), RequestId(id));
+        [10, 11].into_iter().for_each(|id| finish(&turns, id));
         for (at, id) in (12..).zip([4, 2, 3, 1, 5]) {
             assert_eq!(next(&mut turns), Some(id));
             assert_eq!((next(&mut turns), turns.due()), (None, None), "{id} has no answer yet");

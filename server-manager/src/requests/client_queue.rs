@@ -1,7 +1,7 @@
 //! The requests of one client: in turn, or queued with a priority.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use polyptych_protocol::delivery::Delivery;
 use polyptych_protocol::ids::RequestId;
@@ -18,6 +18,8 @@ pub(super) struct ClientQueue {
     next: u64,
     /// The queued request that was begun and has no answer yet.
     under_way: Option<RequestId>,
+    /// All requests that were begun and have no answer yet.
+    unanswered: BTreeSet<RequestId>,
 }
 
 impl ClientQueue {
@@ -44,21 +46,32 @@ impl ClientQueue {
 
     /// Takes what is next.
     pub fn pop(&mut self) -> Option<Asked> {
-        if let Some(asked) = self.immediate.pop_front() {
-            return Some(asked);
-        }
-        if self.under_way.is_some() {
+        let immediate = self.immediate.pop_front();
+        let is_queued = immediate.is_none();
+        if is_queued && self.under_way.is_some() {
             return None;
         }
-        let (_, asked) = self.queued.pop_first()?;
-        if let Asked::Call(call, _) = &asked {
-            self.under_way = Some(call.id);
+        let asked = immediate.or_else(|| self.queued.pop_first().map(|(_, asked)| asked))?;
+        match &asked {
+            Asked::Call(call, _) => {
+                self.unanswered.insert(call.id);
+                if is_queued {
+                    self.under_way = Some(call.id);
+                }
+            }
+            Asked::Beyond(_) => {}
+            // It gets no answer any more.
+            Asked::Gone(_) => {
+                self.unanswered.clear();
+                self.under_way = None;
+            }
         }
         Some(asked)
     }
 
     /// Returns whether this was the answer that a queued request waited for.
     pub fn finish(&mut self, id: RequestId) -> bool {
+        self.unanswered.remove(&id);
         let is_it = self.under_way == Some(id);
         if is_it {
             self.under_way = None;
@@ -68,6 +81,6 @@ impl ClientQueue {
 
     /// Returns whether there is nothing to be kept of the client.
     pub fn is_empty(&self) -> bool {
-        self.immediate.is_empty() && self.queued.is_empty() && self.under_way.is_none()
+        self.immediate.is_empty() && self.queued.is_empty() && self.unanswered.is_empty()
     }
 }

@@ -59,10 +59,13 @@ impl EventLoop {
         Ok(self.welcome(session))
     }
 
-    /// The client that has asked nothing for longest, if that is long enough.
+    /// The client that has asked nothing for longest, if that is long enough. One whose request is
+    /// under way, such as files that are being baked or an export, is not idle.
     fn idlest_client(&self) -> Option<SessionId> {
-        let quiet =
-            self.clients.iter().filter(|(session, _)| !self.cluster.expects_more(**session));
+        let quiet = self.clients.iter().filter(|(session, _)| {
+            let awaits_answer = self.turns.queues().awaits_answer(**session);
+            !awaits_answer && !self.cluster.expects_more(**session)
+        });
         let (session, seat) = quiet.min_by_key(|(_, seat)| seat.asked_at)?;
         (seat.asked_at.elapsed() >= IDLE_TIME_MIN).then_some(*session)
     }
@@ -237,4 +240,32 @@ pub(super) async fn progress_of(keeper: &mut Option<Keeper>) {
 /// Ready when a client has asked something.
 pub(super) async fn wait_for_news(queues: RequestQueues) {
     queues.news().await;
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use polyptych_protocol::ids::RequestId;
+    use polyptych_protocol::request::RequestMessage;
+    use tokio::sync::Semaphore;
+
+    use super::*;
+    use crate::run::importing::tests::start;
+
+    #[tokio::test(start_paused = true)]
+    async fn a_client_whose_request_is_under_way_is_not_idle() {
+        let (mut hub, client, _answers) = start();
+        tokio::time::advance(IDLE_TIME_MIN).await;
+        assert_eq!(hub.idlest_client(), Some(client));
+        let room = Arc::new(Semaphore::new(1)).try_acquire_owned().expect("free");
+        let id = RequestId(1);
+        let call = RequestMessage::new(id, Request::ListSceneFiles);
+        hub.turns.queues().push(client, Asked::Call(call, room));
+        hub.serve_clients();
+        tokio::time::advance(IDLE_TIME_MIN).await;
+        assert_eq!(hub.idlest_client(), None, "the folders are still being read");
+        hub.answer(client, MessageToClient::Reply { id, reply: Ok(Response::Done) });
+        assert_eq!(hub.idlest_client(), Some(client));
+    }
 }

@@ -331,7 +331,7 @@ impl EventLoop {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::cell::Cell;
 
     use glam::{DAffine3, DVec2, DVec3, UVec2};
@@ -388,7 +388,7 @@ mod tests {
     }
 
     /// The loop of a wall whose only display is not there, with a client and an open scene.
-    fn start() -> (EventLoop, SessionId, OutboxReceiver) {
+    pub(in crate::run) fn start() -> (EventLoop, SessionId, OutboxReceiver) {
         let plane = Plane::upright(DVec3::NEG_Z, DVec2::splat(2.0));
         let size = UVec2::splat(64);
         let screens = vec![Screen::new("front", Surface::Plane(plane), size)];
