@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use foldhash::{HashMap, HashMapExt, HashSet};
 use glam::{DVec2, DVec3};
 
-use super::appearance::UvLengths;
+use super::appearance::{UvLengths, color_length};
 use super::chart;
 use super::contraction::{Goal, contract};
 use super::patch::Patch;
@@ -257,6 +257,8 @@ struct Corners<'a> {
     reach: f64,
     /// The lengths of texture units on each surface.
     lengths: BTreeMap<u32, [UvLengths; 2]>,
+    /// The lengths of colours on each surface.
+    color_lengths: BTreeMap<u32, f64>,
     charts: chart::UvBoxes,
     /// The vertices of the triangles by place and surface.
     at_place: HashMap<(u32, u32), Vec<u32>>,
@@ -274,6 +276,8 @@ impl<'a> Corners<'a> {
             };
             (*surface, [0, 1].map(lengths))
         });
+        let color_length = |own: &[u32]| color_length(own.iter().map(|at| source.position(*at)));
+        let color_lengths = surfaces.iter().map(|(at, own)| (*at, color_length(own))).collect();
         let mut at_place: HashMap<(u32, u32), Vec<u32>> = HashMap::new();
         for &vertex in triangles {
             let key = (source.welded[vertex as usize], source.surface_of(vertex));
@@ -286,6 +290,7 @@ impl<'a> Corners<'a> {
             source,
             reach,
             lengths: lengths.collect(),
+            color_lengths,
             charts: chart::UvBoxes::new(source, triangles),
             at_place,
             added: HashMap::new(),
@@ -293,7 +298,8 @@ impl<'a> Corners<'a> {
     }
 
     /// Returns the vertex for a corner of a triangle in a place: itself, or one that looks nearly
-    /// alike there, or one that is added. What faces the same side there gives the colour.
+    /// alike there, or one that is added. What faces the same side there and is nearest in colour
+    /// gives the colour, unless that is farther off than the place is.
     fn vertex(
         &mut self,
         triangle: &[u32; 3],
@@ -316,7 +322,13 @@ impl<'a> Corners<'a> {
         let faces_alike =
             |other: u32| source.normal(corner).dot(source.normal(other)) >= COSINE_MIN;
         let there = self.at_place.get(&(place, surface)).into_iter().flatten().copied();
-        let there: Vec<u32> = there.filter(|other| faces_alike(*other)).collect();
+        let mut there: Vec<u32> = there.filter(|other| faces_alike(*other)).collect();
+        // The own colour would be off by the way there.
+        let way = source.position(corner).distance(source.position(place));
+        there.retain(|other| self.color_way(corner, *other) <= way);
+        there.sort_by(|one, two| {
+            self.color_way(corner, *one).total_cmp(&self.color_way(corner, *two))
+        });
         if let Some(vertex) = there.iter().find(|other| is_near(source.uvs(**other))) {
             return *vertex;
         }
@@ -336,6 +348,15 @@ impl<'a> Corners<'a> {
         known.push((vertex, moved));
         added.push(moved);
         vertex
+    }
+
+    /// Returns how far a colour is off where a corner takes that of another vertex.
+    fn color_way(&self, corner: u32, other: u32) -> f64 {
+        let source = self.source;
+        let length = self.color_lengths.get(&source.surface_of(corner)).copied().unwrap_or(0.0);
+        let colors = source.color(corner).into_iter().zip(source.color(other));
+        let square: f64 = colors.map(|(one, two)| (one - two).powi(2)).sum();
+        square.sqrt() * length
     }
 
     /// Returns the texture coordinates of a triangle's plane in another place.

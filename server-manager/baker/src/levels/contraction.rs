@@ -1,11 +1,10 @@
 //! Contraction of pairs of vertices, whether an edge joins them or not.
 //!
 //! M. Garland, P. Heckbert, *Surface simplification using quadric error metrics* (1997): the pair
-//! whose contraction moves the surface least is contracted first, where the way is estimated by the
-//! distances to the planes of all triangles that have met at a vertex. Vertices that are near to
-//! each other are pairs too, so that parts grow together that share no vertex. Unlike there, planes
-//! count alike, whatever the areas of their triangles: the largest distance is to be small, also
-//! that of a small part.
+//! whose contraction moves the surface least comes first, by the distances to the planes of all
+//! triangles that have met at a vertex. Vertices that are near to each other are pairs too, so that
+//! parts grow together that share no vertex. Unlike there, planes count alike, whatever the areas
+//! of their triangles: the largest distance is to be small, also that of a small part.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
@@ -22,8 +21,8 @@ const NEAR_MAX: usize = 6;
 /// A contraction must not turn a triangle further than by the angle of this cosine.
 const COSINE_MIN: f64 = 0.2;
 
-/// The share of a way's square that is added to the cost of a contraction, so that of those that
-/// leave all planes where they are the shortest comes first.
+/// The share of a way's square that is added to the cost of a contraction: of those that leave all
+/// planes where they are, the shortest comes first.
 const LENGTH_WEIGHT: f64 = 1e-6;
 
 /// How far triangles are contracted.
@@ -223,12 +222,12 @@ impl Contraction {
         }
     }
 
-    /// The square of the largest way that a colour goes if a place moves to another one.
+    /// The square of the largest way that a colour of either place goes if one moves to the other.
     fn color_way_squared(&self, from: u32, to: u32) -> f64 {
         let there = &self.colors[to as usize];
         let way = |of: &ColorRange| {
             let to = there.iter().find(|there| there.surface == of.surface)?;
-            Some(of.way_squared(to.own))
+            Some(of.way_squared(to.own).max(to.way_squared(of.own)))
         };
         self.colors[from as usize].iter().filter_map(way).fold(0.0, f64::max)
     }
@@ -346,8 +345,9 @@ impl Contraction {
             let cost = |from: u32, to: u32| {
                 let is_free = !self.is_locked[from as usize]
                     && (!self.is_border[from as usize] || self.is_border[to as usize]);
-                let way = sum.at(self.positions[to as usize]) + self.color_way_squared(from, to);
-                let way = way + length * LENGTH_WEIGHT;
+                // A colour that is not taken over there is off by the way there.
+                let color_way = self.color_way_squared(from, to).min(length);
+                let way = sum.at(self.positions[to as usize]) + color_way + length * LENGTH_WEIGHT;
                 is_free.then_some(Candidate {
                     cost: way,
                     from,

@@ -56,6 +56,20 @@ pub(super) struct PartGroup {
     pub width: f64,
 }
 
+/// Returns how wide triangles are that are connected, three points for each: see
+/// [`PartGroup::width`].
+pub(super) fn width_of(points: &[DVec3]) -> f64 {
+    let enclosed = width::of_points(points.iter().copied());
+    let Some(views) = views(points) else { return enclosed };
+    // A triangle is looked at from aside: no side of it appears shorter than by this factor.
+    let facing = |corners: &[DVec3; 3]| {
+        let normal = area_normal(corners).try_normalize()?;
+        Some(views.iter().map(|view| normal.dot(*view).abs()).fold(0.0, f64::max))
+    };
+    let facing = points.as_chunks::<3>().0.iter().filter_map(facing).fold(1.0, f64::min);
+    enclosed.min(covered_width(points, 0.0) / facing)
+}
+
 /// Divides parts into groups, by the first of each.
 ///
 /// Takes time by the number of pairs that overlap along the axis on which parts lie farthest apart.
@@ -99,43 +113,50 @@ fn group(parts: &[&PartPoints], members: Vec<usize>) -> PartGroup {
     PartGroup { parts: members, width }
 }
 
-/// Returns the side of the largest square that triangles cover, seen along the normal of the
-/// largest one and along its longest edge and across that; infinite if they cover most of the
-/// rectangle around them, seen along the normal. Cells that a triangle touches count as covered: at
-/// most two cells too wide, of which there are [`CELLS_ACROSS`] in `least`, the width of the
-/// narrowest part, if not fewer.
+/// Returns the width of what triangles cover, seen along the normal of the largest one and along
+/// one of its edges and across that, whatever is most: see [`largest_square`]. Cells that a
+/// triangle touches count as covered: at most two cells too wide, of which there are
+/// [`CELLS_ACROSS`] in `least`, the width of the narrowest part, if not fewer.
 fn covered_width(points: &[DVec3], least: f64) -> f64 {
-    let area = |corners: &[DVec3; 3]| {
-        let [a, b, c] = *corners;
-        (b - a).cross(c - a)
-    };
-    let triangles = points.as_chunks::<3>().0;
-    let by_area = |one: &&[DVec3; 3], two: &&[DVec3; 3]| {
-        area(one).length_squared().total_cmp(&area(two).length_squared())
-    };
-    let Some(largest) = triangles.iter().max_by(by_area) else { return 0.0 };
-    let Some(normal) = area(largest).try_normalize() else { return 0.0 };
-    let [a, b, c] = *largest;
-    let edges = [b - a, c - b, a - c];
-    let longer = |one: &&DVec3, two: &&DVec3| one.length_squared().total_cmp(&two.length_squared());
-    let along = edges.iter().max_by(longer).map_or(DVec3::ZERO, |edge| edge.normalize_or_zero());
-    let across = normal.cross(along);
+    let Some([normal, along, across]) = views(points) else { return 0.0 };
     let covered = |[right, up]: [DVec3; 2]| {
-        let flat = |at: DVec3| DVec2::new(at.dot(right), at.dot(up));
-        let flat: Vec<[DVec2; 3]> = triangles.iter().map(|of| of.map(flat)).collect();
+        let flat = |at: &[DVec3; 3]| at.map(|at| DVec2::new(at.dot(right), at.dot(up)));
+        let flat: Vec<[DVec2; 3]> = points.as_chunks::<3>().0.iter().map(flat).collect();
         largest_square(&flat, least)
     };
-    let (front, share) = covered([along, across]);
-    if share > COVERED_MAX {
-        return f64::INFINITY;
-    }
-    let sides = [[across, normal], [normal, along]].map(|view| covered(view).0);
-    sides.into_iter().fold(front, f64::max)
+    let views = [[along, across], [across, normal], [normal, along]];
+    views.map(covered).into_iter().fold(0.0, f64::max)
 }
 
-/// Returns the side of the largest square that triangles cover, and the share of the rectangle
-/// around them that they do.
-fn largest_square(triangles: &[[DVec2; 3]], least: f64) -> (f64, f64) {
+/// Returns the normal of the largest triangle, the direction of its edge along which the points are
+/// narrowest, and the one across both; `None` if no triangle has an area.
+fn views(points: &[DVec3]) -> Option<[DVec3; 3]> {
+    let by_area = |one: &&[DVec3; 3], two: &&[DVec3; 3]| {
+        area_normal(one).length_squared().total_cmp(&area_normal(two).length_squared())
+    };
+    let largest = points.as_chunks::<3>().0.iter().max_by(by_area)?;
+    let normal = area_normal(largest).try_normalize()?;
+    let narrowness = |along: &DVec3| {
+        let places = points.iter().map(|at| at.dot(normal.cross(*along)));
+        let ends = |(low, high): (f64, f64), at: f64| (low.min(at), high.max(at));
+        let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), ends);
+        high - low
+    };
+    let [a, b, c] = *largest;
+    let edges = [b - a, c - b, a - c].into_iter().filter_map(DVec3::try_normalize);
+    let by_width = |one: &DVec3, two: &DVec3| narrowness(one).total_cmp(&narrowness(two));
+    let along = edges.min_by(by_width)?;
+    Some([normal, along, normal.cross(along)])
+}
+
+/// The normal of a triangle times twice its area.
+fn area_normal([a, b, c]: &[DVec3; 3]) -> DVec3 {
+    (*b - *a).cross(*c - *a)
+}
+
+/// Returns the side of the largest square that triangles cover; the shorter side of the rectangle
+/// around them if they cover most of it.
+fn largest_square(triangles: &[[DVec2; 3]], least: f64) -> f64 {
     let empty = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     let corners = triangles.iter().flatten();
     let (low, high) = corners.fold(empty, |(low, high), at| (low.min(*at), high.max(*at)));
@@ -167,8 +188,10 @@ fn largest_square(triangles: &[[DVec2; 3]], least: f64) -> (f64, f64) {
         sides[at as usize] = if *is_covered { least + 1 } else { 0 };
     }
     let covered = is_covered.iter().filter(|is| **is).count();
-    let side = f64::from(sides.into_iter().max().unwrap_or(0)) * cell;
-    (side, covered as f64 / is_covered.len() as f64)
+    if covered as f64 > is_covered.len() as f64 * COVERED_MAX {
+        return (high - low).min_element();
+    }
+    f64::from(sides.into_iter().max().unwrap_or(0)) * cell
 }
 
 /// The left and right end of what a triangle covers between two heights that are 1 apart; `None` if
@@ -198,6 +221,8 @@ fn longest_axis(parts: &[&PartPoints]) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use glam::{DQuat, EulerRot};
+
     use super::*;
 
     fn rectangle([left, low]: [f64; 2], [width, height]: [f64; 2]) -> PartPoints {
@@ -248,6 +273,40 @@ mod tests {
         let [(count, width)] = widths(&frame)[..] else { panic!("one group") };
         assert_eq!(count, 4);
         assert!((0.4..0.5).contains(&width), "{width} of a frame of 0.4 m around a window of 1 m");
+    }
+
+    #[test]
+    fn a_ring_is_as_wide_as_its_band_however_it_is_turned() {
+        // The reveals of a window of 1 by 1.5 m, 0.1 m deep; then a square of 1 m.
+        let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.5], [0.0, 1.5]];
+        let at = |corner: usize, z: f64| {
+            let [x, y] = corners[corner % 4];
+            DVec3::new(x, y, z)
+        };
+        let reveal = |n: usize| {
+            let [a, b, c, d] = [at(n, 0.0), at(n + 1, 0.0), at(n + 1, 0.1), at(n, 0.1)];
+            [a, b, c, a, c, d]
+        };
+        let ring: Vec<DVec3> = (0..4).flat_map(reveal).collect();
+        let square = rectangle([0.0, 0.0], [1.0, 1.0]).points;
+        // The square beside a larger triangle that is turned against it.
+        let turn = DQuat::from_euler(EulerRot::XYZ, 0.3, 0.7, 1.1);
+        let folded: Vec<DVec3> = square
+            .iter()
+            .map(|at| turn * *at)
+            .chain([DVec3::ZERO, DVec3::X * 3.0, DVec3::Y * 1.2])
+            .collect();
+        for turn in [DQuat::IDENTITY, turn] {
+            let turned = |points: &[DVec3]| {
+                width_of(&points.iter().map(|at| turn * *at).collect::<Vec<_>>())
+            };
+            let width = turned(&ring);
+            assert!((0.1..0.16).contains(&width), "{width} of a ring of 0.1 m around 1 m");
+            assert!((turned(&square) - 1.0).abs() < 0.05);
+            assert!(turned(&folded) >= 1.0, "a part of it is a square of 1 m");
+        }
+        assert_eq!(width_of(&[DVec3::ONE; 3]), 0.0);
+        assert_eq!(width_of(&[]), 0.0);
     }
 
     #[test]

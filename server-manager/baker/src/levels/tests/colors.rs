@@ -192,3 +192,77 @@ fn vertices_that_are_added_to_a_palette_have_its_length() {
     lengths.add(&[7, 8, 9, 4, 5, 6], |index| index > 6, position, uv);
     assert_eq!([7, 8, 9].map(|index| lengths.at(index)), [lengths.at(4); 3]);
 }
+
+/// Quads of which each has vertices of its own, by their corners, normal and grey.
+#[derive(Default)]
+struct Quads {
+    vertices: Vec<f32>,
+    indices: Vec<u32>,
+}
+
+impl Quads {
+    fn add(&mut self, corners: [[f32; 3]; 4], normal: [f32; 3], greys: [f32; 4]) {
+        let first = self.vertices.len() as u32 / 10;
+        for (corner, grey) in corners.into_iter().zip(greys) {
+            self.vertices.extend(corner.into_iter().chain(normal).chain([grey, grey, grey, 1.0]));
+        }
+        self.indices.extend([0, 1, 2, 0, 2, 3].map(|at| first + at));
+    }
+
+    fn surface(&self) -> Surface<'_> {
+        Surface {
+            layout: LAYOUT,
+            vertices: &self.vertices,
+            indices: &self.indices,
+            keeps_order: false,
+            locked: &[],
+        }
+    }
+}
+
+/// A wall of 6 × 4 bays of 3 m, each with a window of 1 m in a recess of 0.1 m that is darker; the
+/// topmost 0.8 m are a shade darker.
+fn facade() -> [Quads; 2] {
+    let (mut wall, mut panes) = (Quads::default(), Quads::default());
+    let ys = (0..4_u8).flat_map(|at| [0.0, 1.0, 2.0].map(|y| y + 3.0 * f32::from(at)));
+    let ys: Vec<f32> = ys.chain([12.0, 12.8]).collect();
+    let xs: Vec<f32> = (0..=18_u8).map(f32::from).collect();
+    for (row, y) in ys.windows(2).enumerate() {
+        for (column, x) in xs.windows(2).enumerate() {
+            let ([left, right], [low, high]) = ([x[0], x[1]], [y[0], y[1]]);
+            let at = |z: f32| [[left, low, z], [right, low, z], [right, high, z], [left, high, z]];
+            if row % 3 != 1 || column % 3 != 1 {
+                let top = if high > 12.0 { 0.8 } else { 1.0 };
+                wall.add(at(0.0), [0.0, 0.0, 1.0], [1.0, 1.0, top, top]);
+                continue;
+            }
+            panes.add(at(-0.1), [0.0, 0.0, 1.0], [0.2; 4]);
+            let (front, back) = (at(0.0), at(-0.1));
+            let inwards = [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]];
+            for (side, normal) in inwards.into_iter().enumerate() {
+                let next = (side + 1) % 4;
+                let corners = [front[side], front[next], back[next], back[side]];
+                wall.add(corners, normal, [0.6; 4]);
+            }
+        }
+    }
+    [wall, panes]
+}
+
+/// A ring of another colour is as wide as its band, not as what it encloses.
+#[test]
+fn reveals_of_windows_go_and_the_shade_of_the_eaves_stays() {
+    let [wall, panes] = facade();
+    let surfaces = [wall.surface(), panes.surface()];
+    let levels = build(&surfaces, &AtomicBool::new(false)).expect("not cancelled");
+    let levels = levels.into_iter().next().flatten().expect("levels");
+    let corners = drawn(&levels, 0.3);
+    assert!(corners.len() * 2 < wall.indices.len(), "{} of {}", corners.len(), wall.indices.len());
+    let vertices = [&wall.vertices[..], &levels.added].concat();
+    let row = |at: u32| &vertices[at as usize * 10..][..10];
+    for at in corners {
+        let [y, grey] = [row(at)[1], row(at)[6]];
+        let expected = if y > 12.0 { 0.8 } else { 1.0 };
+        assert!((grey - expected).abs() < 0.01, "{grey} at a height of {y} m");
+    }
+}
