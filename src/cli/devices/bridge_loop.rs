@@ -3,7 +3,9 @@
 use std::pin::pin;
 use std::time::{Duration, Instant};
 
-use polyptych_client::{Client, ClientError, Epoch, FeedbackStream, ReconnectPolicy};
+use polyptych_client::{
+    Client, ClientError, ConnectOptions, Epoch, FeedbackStream, ReconnectPolicy,
+};
 use polyptych_devices::bridge::Purpose;
 use polyptych_devices::{Bridge, Micros};
 use polyptych_wall::Wall;
@@ -43,7 +45,9 @@ pub async fn run(wall: &Wall, address: &ManagerAddress) -> anyhow::Result<()> {
     let clock = || began.elapsed().as_micros() as Micros;
     let mut readings = sources::open(wall).await?;
     let mut bridge = Bridge::new(wall);
-    let mut connecting = pin!(connect(wall, address));
+    let reconnect = ReconnectPolicy { wait: REQUEST_WAIT, ..ReconnectPolicy::default() };
+    let options = address.options(Some(reconnect));
+    let mut connecting = pin!(connect(wall, &options));
     // Devices are read from the first: what waits in sockets is old once there is a manager, and
     // a VRPN server may hold up its other clients while one does not read.
     let mut link = loop {
@@ -98,13 +102,12 @@ pub async fn run(wall: &Wall, address: &ManagerAddress) -> anyhow::Result<()> {
     }
 }
 
-/// Connects as soon as there is a manager.
-async fn connect(wall: &Wall, address: &ManagerAddress) -> anyhow::Result<ManagerLink> {
+/// Connects as soon as there is a manager that stays.
+async fn connect(wall: &Wall, options: &ConnectOptions) -> anyhow::Result<ManagerLink> {
     let mut told = String::new();
-    let client = loop {
-        let reconnect = ReconnectPolicy { wait: REQUEST_WAIT, ..ReconnectPolicy::default() };
-        match Client::connect_with(address.options(Some(reconnect))).await {
-            Ok(client) => break client,
+    let link = loop {
+        match try_connect(options).await {
+            Ok(link) => break link,
             Err(error) => {
                 let reason = error.to_string();
                 if reason != told {
@@ -115,13 +118,19 @@ async fn connect(wall: &Wall, address: &ManagerAddress) -> anyhow::Result<Manage
             }
         }
     };
-    let feedback = client.feedback().await?;
     say(format_args!(
         "reading {} of wall {} for the manager at {}",
         polyptych_text::counted(wall.devices.len(), "device"),
-        client.wall_name(),
-        client.address()
+        link.client.wall_name(),
+        link.client.address()
     ))?;
+    Ok(link)
+}
+
+/// Connects to the manager that is there now, and subscribes to its feedback.
+async fn try_connect(options: &ConnectOptions) -> Result<ManagerLink, ClientError> {
+    let client = Client::connect_with(options.clone()).await?;
+    let feedback = client.feedback().await?;
     Ok(ManagerLink { epoch: client.epoch(), client, feedback, is_connected: true })
 }
 
@@ -154,5 +163,53 @@ fn take(bridge: &mut Bridge, now: Micros, Reading { device, what }: Reading) {
         ReadingKind::Silent(reason) | ReadingKind::Failed(reason) => {
             bridge.handle_failure(now, device, &reason);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use futures_util::{SinkExt, StreamExt};
+    use polyptych_client::{Request, Response};
+    use polyptych_protocol::handshake::{Secret, Welcome};
+    use polyptych_protocol::handshake_io::{Introduced, MessageStream, accept, receive_hello};
+    use polyptych_protocol::ids::Term;
+    use polyptych_protocol::request::{MessageToClient, RequestMessage};
+    use tokio::net::{TcpListener, TcpStream};
+
+    use super::*;
+
+    const TOKEN: &str = "0123456789abcdef";
+
+    /// Lets a client in as a manager does, and waits for its first request.
+    async fn serve(listener: &TcpListener) -> (MessageStream<TcpStream>, RequestMessage) {
+        let (stream, _) = listener.accept().await.expect("a client");
+        let introduced = receive_hello(stream, &Secret(TOKEN.into())).await;
+        let Introduced { mut frames, proof, .. } = introduced.expect("introduced");
+        let wall = "lab".into();
+        let welcome =
+            Welcome { epoch: Epoch(1), term: Term(1), session: 1, wall, heartbeat_ms: 2000 };
+        accept(&mut frames, welcome, proof).await.expect("welcomed");
+        let bytes = frames.next().await.expect("a request").expect("whole");
+        let message = polyptych_protocol::framing::decode(&bytes).expect("a request");
+        (frames, message)
+    }
+
+    #[tokio::test]
+    async fn a_manager_that_goes_away_at_once_is_tried_again() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let address = listener.local_addr().expect("an address").to_string();
+        let mut options = ConnectOptions::new(address);
+        options.token = Some(TOKEN.into());
+        let manager = async {
+            drop(serve(&listener).await);
+            let (mut frames, RequestMessage { id, request, .. }) = serve(&listener).await;
+            assert_eq!(request, Request::Subscribe(true));
+            let answer = MessageToClient::Reply { id, reply: Ok(Response::Done) };
+            frames.send(polyptych_codec::encode(&answer)).await.expect("sent");
+            frames
+        };
+        let wall = Wall::new("lab", Vec::new(), Vec::new());
+        let (link, _frames) = tokio::join!(connect(&wall, &options), manager);
+        assert_eq!(link.expect("connected").epoch, Epoch(1));
     }
 }
