@@ -88,9 +88,10 @@ impl Client {
     /// too.
     ///
     /// # Errors
-    /// [`ClientError`]; [`ClientError::Failed`] names the edit that cannot be, or the node that
-    /// somebody else has changed since [`Transaction::base`], or says that another scene was opened
-    /// while assets were read.
+    /// [`ClientError`]; [`ClientError::Failed`] names the edit that cannot be, or the node that was
+    /// changed since [`Transaction::base`], by whomever, or says that another scene was opened
+    /// while assets were read. The next base of a program that goes on changing a node is the
+    /// [`Edited::revision`] of its own last transaction.
     pub async fn commit(&self, transaction: Transaction) -> Result<Edited, ClientError> {
         match self.request(Request::Edit(transaction)).await? {
             Response::Edited(edited) => Ok(edited),
