@@ -420,6 +420,7 @@ fn the_page_is_red_within_two_seconds_where_a_channel_is_gone() {
     let page = Page::start(&small(2, 1), &[], &[]);
     page.ask("POST", "/frame", Some(&serde_json::json!({}))).value();
     let mut browser = open(&page);
+    check_first_request(&page, &mut browser);
     browser.await_true("document.getElementById('health').className === 'good'");
     browser.value(
         "window.redAt = null; new MutationObserver(() => { \
@@ -446,6 +447,16 @@ fn the_page_is_red_within_two_seconds_where_a_channel_is_gone() {
     let other = ["manager", "--listen", ANY_PORT, "--http", &page.address, wall];
     let _manager = place.start("other manager", other);
     browser.await_true("document.getElementById('align-channel').options.length === 1");
+}
+
+/// A page whose first request has no answer asks again.
+fn check_first_request(page: &Page, browser: &mut Browser) {
+    let once = "window.real = fetch; window.fetch = () => { window.fetch = real; \
+                return Promise.reject(new Error('away')); };";
+    let script = serde_json::json!({ "source": once });
+    browser.call("Page.addScriptToEvaluateOnNewDocument", &script);
+    browser.open(&format!("http://{}/", page.address));
+    browser.await_true("window.real === window.fetch && !!document.querySelector('.channel.good')");
 }
 
 /// What is wrong with a channel that is live, getting ready or ready, if it has shown nothing for

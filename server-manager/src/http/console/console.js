@@ -8,7 +8,7 @@ import { showHealth } from "./health.js";
 import { showLight, startLight } from "./light.js";
 import { pictures, placeChannels } from "./picture.js";
 import { plot, startPlots } from "./plots.js";
-import { ask, log, read } from "./requests.js";
+import { log, read } from "./requests.js";
 import { listScenes, showScene, startScenes } from "./scenes.js";
 import { byId, state } from "./state.js";
 import { listScreens, listViews, showViews, startViews } from "./views.js";
@@ -21,7 +21,7 @@ function show() {
   showViews();
 }
 
-/** Time after which a page that was refused events asks for them again, in milliseconds. */
+/** Time after which a page asks again for what it was refused, in milliseconds. */
 const LISTEN_PERIOD_MS = 2000;
 
 /** Events have stopped: a manager that comes after it may have another wall. */
@@ -70,6 +70,23 @@ function listen() {
   };
 }
 
+/** Reads the wall, again and again while the manager is away or has no place; null where it does
+    not let the page in. */
+async function firstWall() {
+  for (;;) {
+    const answer = await fetch("/api/v1/wall").catch(() => null);
+    const value = await answer?.json().catch(() => null);
+    if (answer?.ok && value) return value;
+    const isShutOut = [401, 403].includes(answer?.status);
+    byId("login").hidden = answer?.status !== 401;
+    byId("health").className = "bad";
+    byId("health").textContent = isShutOut ? "the manager does not let this page in" :
+      value?.error ?? "the manager does not answer";
+    if (isShutOut) return null;
+    await new Promise((done) => setTimeout(done, LISTEN_PERIOD_MS));
+  }
+}
+
 async function start() {
   steer();
   startDisplays();
@@ -77,13 +94,8 @@ async function start() {
   startPlots();
   // A channel is red in time, also where no status comes any more.
   setInterval(showHealth, 250);
-  try {
-    state.wall = await ask("GET", "/api/v1/wall", undefined, false);
-  } catch {
-    byId("health").className = "bad";
-    byId("health").textContent = "the manager does not let this page in";
-    return;
-  }
+  state.wall = await firstWall();
+  if (!state.wall) return;
   showWall();
   startViews();
   startScenes();
