@@ -272,6 +272,7 @@ fn check_sight(page: &Page, browser: &mut Browser) {
     fill(browser, "head-x", "0.125");
     submit(browser, "head-form");
     await_shown(page, "a head", |shown| shown.head.position.x == 0.125);
+    check_turn_in_flight(page, browser);
     fill(browser, "head-x", "0");
     submit(browser, "head-form");
     await_shown(page, "the head", |shown| shown.head.position.x == 0.0);
@@ -288,6 +289,20 @@ fn check_sight(page: &Page, browser: &mut Browser) {
     assert!((way - before.rotation * DVec3::NEG_Z * 0.25).length() < 1e-6, "ahead: {way}");
     assert!(now.rotation.angle_between(before.rotation) < 1e-6);
     click(browser, "orbit");
+}
+
+/// In flight the camera turns about the viewer, who need not be at the wall's eye.
+fn check_turn_in_flight(page: &Page, browser: &mut Browser) {
+    click(browser, "fly");
+    let before = presentation(page).camera;
+    browser.value(
+        "document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', \
+         { key: 'ArrowLeft', bubbles: true }))",
+    );
+    await_shown(page, "a turn", |shown| shown.camera.rotation != before.rotation);
+    let Presentation { camera, head, .. } = presentation(page);
+    let [from, to] = [before, camera].map(|of| of.world_from_display(head.position));
+    assert!((to - from).length() < 1e-6 * before.scale, "the viewer stays: {from} to {to}");
 }
 
 /// All stored views are played one after the other, until it is stopped.

@@ -1,4 +1,4 @@
-// The camera: orbits around what is in the middle of the wall, or flies with the eye.
+// The camera: orbits around what is in the middle of the wall, or flies with the viewer.
 
 import { act, presentation } from "./requests.js";
 import { around, normalized, product, rotated } from "./quaternion.js";
@@ -47,14 +47,17 @@ let isSending = false;
 /** Moves the wall's camera. Moves that come while a frame is drawn make one camera. */
 async function move(change) {
   if (!state.wall) return;
-  moves.push({ ...change, pivot: isFlying() ? state.wall.eye : pivotInRoom() });
+  moves.push({ ...change, isFlight: isFlying() });
   if (isSending) return;
   isSending = true;
   while (moves.length) {
     const shown = await presentation();
     const asked = moves.splice(0);
     if (!shown) continue;
-    const frame = { camera: asked.reduce(moved, shown.camera), keeps_time: true };
+    // A flight turns about the viewer, wherever they stand: a tracked one need not be at the eye.
+    const pivotOf = ({ isFlight }) => isFlight ? shown.head.position : pivotInRoom();
+    const put = (camera, change) => moved(camera, { ...change, pivot: pivotOf(change) });
+    const frame = { camera: asked.reduce(put, shown.camera), keeps_time: true };
     await act("POST", "/api/v1/frame", frame);
   }
   isSending = false;
