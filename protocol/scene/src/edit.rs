@@ -4,7 +4,8 @@ use std::fmt;
 use std::ops::Range;
 
 use glam::DAffine3;
-use serde::{Deserialize, Serialize};
+use serde::de::{self, Unexpected, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::{Facing, Light, Material, NodeStyle};
 use polyptych_files::blob::BlobHash;
@@ -12,13 +13,18 @@ use polyptych_files::blob::BlobHash;
 /// A node of the open scene, for as long as the scene is open, restarts of the manager included.
 /// Nodes of the file have their index in [`Scene::nodes`](crate::Scene::nodes); those that were
 /// made since count on from there, and no number is given twice.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
-)]
+///
+/// A number on the wire. JSON may also have the number as text, and `"new:0"` for the node that the
+/// first creation of a transaction makes: readers whose numbers are doubles, such as browsers,
+/// cannot tell provisional numbers apart.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 pub struct NodeId(pub u64);
 
 /// The first provisional number of nodes, for nodes without a number.
 const PROVISIONAL: u64 = 1 << 63;
+
+/// The text before the index of a creation.
+const PROVISIONAL_PREFIX: &str = "new:";
 
 /// The first provisional number of meshes and textures.
 const PROVISIONAL_ASSET: u32 = 1 << 31;
@@ -32,6 +38,47 @@ impl NodeId {
     /// The index of the creation that this stands for, if it does.
     pub fn provisional_index(self) -> Option<u64> {
         (self.0 >= PROVISIONAL).then_some(self.0 & !PROVISIONAL)
+    }
+}
+
+impl<'de> Deserialize<'de> for NodeId {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        if !deserializer.is_human_readable() {
+            return u64::deserialize(deserializer).map(Self);
+        }
+        deserializer.deserialize_any(NodeIdVisitor)
+    }
+}
+
+/// Reads a number, or a text in its place.
+struct NodeIdVisitor;
+
+impl Visitor<'_> for NodeIdVisitor {
+    type Value = NodeId;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the number of a node, or \"new:0\" for the first that is made")
+    }
+
+    fn visit_u64<E: de::Error>(self, number: u64) -> Result<NodeId, E> {
+        Ok(NodeId(number))
+    }
+
+    fn visit_i64<E: de::Error>(self, number: i64) -> Result<NodeId, E> {
+        let unsigned = u64::try_from(number).map(NodeId);
+        unsigned.map_err(|_| E::invalid_value(Unexpected::Signed(number), &self))
+    }
+
+    fn visit_str<E: de::Error>(self, text: &str) -> Result<NodeId, E> {
+        let node = match text.strip_prefix(PROVISIONAL_PREFIX) {
+            Some(index) => {
+                let index = index.parse::<u64>().ok().filter(|index| *index < PROVISIONAL);
+                index.map(NodeId::provisional)
+            }
+            // Keys of objects are texts.
+            None => text.parse::<u64>().ok().map(NodeId),
+        };
+        node.ok_or_else(|| E::invalid_value(Unexpected::Str(text), &self))
     }
 }
 

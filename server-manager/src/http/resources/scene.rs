@@ -6,9 +6,9 @@ use polyptych_protocol::environment::EnvironmentSource;
 use polyptych_protocol::node_query::NodeQuery;
 use polyptych_protocol::request::{Request, Response as WallResponse};
 use polyptych_protocol::transaction::Transaction;
-use polyptych_scene::NodeId;
+use polyptych_scene::NewNode;
 use serde::Deserialize;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::http::answer::{self, Body, Refusal};
 use crate::http::connection::Connection;
@@ -67,13 +67,11 @@ pub(in crate::http) const ROUTES: &[Route] = &[
     Route {
         method: "POST",
         path: "/transaction",
-        summary: "Changes the open scene: all of the edits from one frame on, or nothing.",
+        summary: "Changes the open scene: all of the edits from one frame on, or nothing. Nodes \
+                  that it makes are named `new:0`, `new:1` and so on, in the order of their \
+                  creations.",
         query: &[],
-        body: Some(|| {
-            let mut transaction = Transaction::default();
-            transaction.set_visible(NodeId(3), false);
-            json!(transaction)
-        }),
+        body: Some(example_transaction),
         action: Action::Ask(|call| Ok(Request::Edit(call.parse()?))),
     },
     Route {
@@ -227,6 +225,17 @@ pub(in crate::http) async fn export(
     Ok(answer::with_body(StatusCode::OK, "model/gltf-binary", body))
 }
 
+/// A transaction as JSON, which names the node that it makes by its text.
+fn example_transaction() -> Value {
+    let mut transaction = json!(Transaction::default());
+    let new = NewNode { name: "arm".into(), ..NewNode::default() };
+    transaction["edits"] = json!([
+        { "Create": { "node": "new:0", "new": new } },
+        { "SetParent": { "node": 3, "parent": "new:0" } },
+    ]);
+    transaction
+}
+
 /// Opens a scene.
 ///
 /// # Errors
@@ -254,4 +263,34 @@ pub(in crate::http) async fn open(
     let WallResponse::Frame(frame) = shown.response else { return Err(other()) };
     let answer = answer::json(StatusCode::OK, &json!({ "scene": scene, "frame": frame }));
     Ok(route::with_warnings(answer, [opened.warnings, shown.warnings].concat()))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use polyptych_scene::NodeId;
+
+    use super::*;
+
+    #[test]
+    fn nodes_have_texts_where_numbers_are_rounded() {
+        let mut made = Transaction::default();
+        let arm = made.create(NewNode { name: "arm".into(), ..NewNode::default() });
+        made.set_parent(NodeId(3), Some(arm));
+        // Programs that send numbers go on.
+        for body in [example_transaction(), json!(made)] {
+            let read: Transaction = serde_json::from_value(body).expect("a transaction");
+            assert_eq!(read, made);
+        }
+        let node = |text: &str| serde_json::from_str::<NodeId>(text).ok();
+        assert_eq!(node("\"new:7\""), Some(NodeId::provisional(7)));
+        assert_eq!([node("3"), node("\"3\"")], [Some(NodeId(3)); 2]);
+        let wrong = ["-1", "1.5", "\"new:\"", "\"new:-1\"", "\"new:9223372036854775808\"", "\"\""];
+        assert_eq!(wrong.map(node), [None; 6]);
+        let keyed = BTreeMap::from([(NodeId(3), true)]);
+        let text = serde_json::to_string(&keyed).expect("text");
+        let read = serde_json::from_str::<BTreeMap<NodeId, bool>>(&text).ok();
+        assert_eq!(read, Some(keyed), "keys of objects are texts");
+    }
 }
