@@ -14,8 +14,8 @@ use super::BakeJob;
 use super::bounds::{around, place_of, whole};
 use super::error::BakeError;
 
-/// The gap between meshes that touch, as a share of the least size of their class: more would join
-/// the houses of a street, each of which may be left out by itself.
+/// The gap between meshes that touch, as a share of the least size of the smaller one's class: more
+/// would join the houses of a street, each of which may be left out by itself.
 const GAP: f64 = 0.02;
 
 /// Meshes of a cell that are compared one by one: where there are more, they touch or almost.
@@ -105,25 +105,26 @@ fn ratios(
         if index.is_multiple_of(CELLS_BETWEEN_CHECKS) {
             check()?;
         }
-        let gap = f64::from(*class).exp2() * GAP;
         for (nth, one) in parts[index].iter().enumerate() {
-            crowds.join(placed, one, &parts[index][nth + 1..], gap);
+            crowds.join(placed, one, &parts[index][nth + 1..]);
         }
-        // Each pair of cells is found from one of both.
-        for step in 14..27 {
-            let Some(&other) = cells.by_place.get(&(*class, neighbour(*at, step))) else {
-                continue;
-            };
+        // Each pair of cells of one class is found from one of both.
+        let near = (14..27).map(|step| (*class, neighbour(*at, step)));
+        // Cells of the next class are as large, or eight of these lie in one.
+        let of_next = *at >> (class & 1);
+        let next = (0..27).map(|step| (class + 1, neighbour(of_next, step)));
+        for place in near.chain(next) {
+            let Some(&other) = cells.by_place.get(&place) else { continue };
             for one in &parts[index] {
-                crowds.join(placed, one, &parts[other], gap);
+                crowds.join(placed, one, &parts[other]);
             }
         }
     }
     Ok(crowds.ratios(placed))
 }
 
-/// Meshes of one class, of diameters from one power of two to the next, whose middles lie in one
-/// cube of the larger of both: those that touch are in one cell, or in cells beside each other.
+/// Meshes of one class, of diameters from one power of √2 to the next, whose middles lie in a cube
+/// of the next power of two: those that touch are in one cell, or in cells beside each other.
 #[derive(Debug)]
 struct Cell {
     class: i32,
@@ -137,6 +138,7 @@ struct Cell {
 struct Part {
     /// A place of it.
     index: u32,
+    class: i32,
     bounds: Bounds,
     /// It is one mesh, not many.
     is_one: bool,
@@ -155,8 +157,9 @@ fn cells(placed: &[PlacedMesh]) -> Cells {
         if !(of.radius.is_normal() && of.radius > 0.0) {
             continue;
         }
-        let class = (2.0 * of.radius).log2().floor() as i32;
-        let at = (of.bounds.center() / f64::from(class + 1).exp2()).floor().as_i64vec3();
+        let class = (2.0 * (2.0 * of.radius).log2()).floor() as i32;
+        let side = f64::from((class >> 1) + 1).exp2();
+        let at = (of.bounds.center() / side).floor().as_i64vec3();
         let next = cells.list.len();
         let cell = *cells.by_place.entry((class, at)).or_insert(next);
         if cell == next {
@@ -172,74 +175,98 @@ fn neighbour(at: I64Vec3, step: i64) -> I64Vec3 {
     at.saturating_add(I64Vec3::new(step % 3, step / 3 % 3, step / 9) - 1)
 }
 
-/// Which places are one crowd: for each another one of it, up to one that stands for it.
+/// The crowds of places: for each another one of it, up to one that stands for it. Each place is in
+/// two, so that meshes on both sides of a border of classes are one surface: in one with those of
+/// its class and of the next, and, behind all of these, in one with those of its class and of the
+/// one before. So what is in one crowd differs by less than two times, whatever is between: a town
+/// would else be one crowd with its ground.
 #[derive(Debug)]
-struct Crowds(Vec<u32>);
+struct Crowds {
+    of: Vec<u32>,
+    places: u32,
+}
 
 impl Crowds {
     fn new(count: usize) -> Self {
-        Self((0..count as u32).collect())
+        let places = count as u32;
+        Self { of: (0..2 * places).collect(), places }
     }
 
     /// Returns what of a cell is compared with others: its meshes, or all as one if they are so
     /// many that they touch or almost.
     fn parts(&mut self, cell: &Cell, placed: &[PlacedMesh]) -> Vec<Part> {
         let is_one = cell.meshes.len() <= COMPARED_MAX;
-        let part = |&index: &u32| Part { index, bounds: placed[index as usize].bounds, is_one };
+        let class = cell.class;
+        let bounds = |index: u32| placed[index as usize].bounds;
+        let part = |&index: &u32| Part { index, class, bounds: bounds(index), is_one };
         let all = cell.meshes.iter().map(part);
         if is_one {
             return all.collect();
         }
         let joined = all.reduce(|first, next| {
-            self.unite(first.index, next.index);
+            self.unite(&first, &next);
             Part { bounds: union(first.bounds, next.bounds), ..first }
         });
         joined.into_iter().collect()
     }
 
-    /// Joins a part with those of others that it touches.
-    fn join(&mut self, placed: &[PlacedMesh], one: &Part, others: &[Part], gap: f64) {
+    /// Joins a part with those of others that it touches, of its class or of the next.
+    fn join(&mut self, placed: &[PlacedMesh], one: &Part, others: &[Part]) {
+        let gap = (f64::from(one.class) / 2.0).exp2() * GAP;
         let (min, max) = (one.bounds.min - gap, one.bounds.max + gap);
         for other in others {
             let is_near = min.cmple(other.bounds.max) & other.bounds.min.cmple(max);
             let [a, b] = [one, other].map(|of| &placed[of.index as usize]);
             let is_near = is_near.all();
             if is_near && (!one.is_one || !other.is_one || a.touches(b, gap)) {
-                self.unite(one.index, other.index);
+                self.unite(one, other);
             }
         }
     }
 
-    fn unite(&mut self, one: u32, other: u32) {
+    /// Makes one crowd of those that two parts may be in together.
+    fn unite(&mut self, one: &Part, other: &Part) {
+        let before = other.index + self.places;
+        if one.class == other.class {
+            self.unite_places(one.index, other.index);
+            self.unite_places(one.index + self.places, before);
+        } else {
+            self.unite_places(one.index, before);
+        }
+    }
+
+    fn unite_places(&mut self, one: u32, other: u32) {
         let [one, other] = [one, other].map(|index| self.root(index));
-        self.0[other as usize] = one;
+        self.of[other as usize] = one;
     }
 
     /// The place that stands for a crowd.
     fn root(&mut self, mut index: u32) -> u32 {
-        while self.0[index as usize] != index {
+        while self.of[index as usize] != index {
             // Shorter ways for those that come after.
-            let above = self.0[self.0[index as usize] as usize];
-            self.0[index as usize] = above;
+            let above = self.of[self.of[index as usize] as usize];
+            self.of[index as usize] = above;
             index = above;
         }
         index
     }
 
     fn ratios(&mut self, placed: &[PlacedMesh]) -> Vec<f32> {
-        let roots: Vec<u32> = (0..placed.len() as u32).map(|index| self.root(index)).collect();
+        let roots: Vec<u32> = (0..2 * self.places).map(|index| self.root(index)).collect();
         let mut crowds: HashMap<u32, (Bounds, u32)> = HashMap::new();
-        for (of, root) in placed.iter().zip(&roots) {
+        for (of, root) in placed.iter().cycle().zip(&roots) {
             let (bounds, count) = crowds.entry(*root).or_insert((of.bounds, 0));
             (*bounds, *count) = (union(*bounds, of.bounds), *count + 1);
         }
-        let ratio = |(of, root): (&PlacedMesh, &u32)| {
+        let ratio = |of: &PlacedMesh, root: &u32| {
             let Some((bounds, 2..)) = crowds.get(root) else { return 0.0 };
             let reach = bounds.center().distance(of.bounds.center()) + bounds.radius();
             let ratio = ((reach / of.radius) as f32).next_up();
             if ratio.is_finite() { ratio } else { 0.0 }
         };
-        placed.iter().zip(&roots).map(ratio).collect()
+        let (with_next, with_last) = roots.split_at(placed.len());
+        let both = placed.iter().zip(with_next.iter().zip(with_last));
+        both.map(|(of, (next, last))| ratio(of, next).max(ratio(of, last))).collect()
     }
 }
 
@@ -306,6 +333,34 @@ mod tests {
             let is_slab = index % 41 == 0;
             assert!(if is_slab { ratio == 0.0 } else { ratio > 23.0 }, "{index}: {ratio}");
         }
+    }
+
+    /// A row along X of cubes that touch, with these diameters.
+    fn row(diameters: impl IntoIterator<Item = f64>) -> Vec<PlacedMesh> {
+        let mut end = 0.0;
+        let cubes = diameters.into_iter().map(|diameter| {
+            let side = diameter / 3.0_f64.sqrt();
+            end += side;
+            cube(DVec3::X * (end - side / 2.0), side)
+        });
+        cubes.collect()
+    }
+
+    #[test]
+    fn meshes_on_both_sides_of_a_border_of_classes_are_one_crowd() {
+        for (small, large) in [(0.99, 1.01), (0.7, 0.71)] {
+            let wall = row((0..200).map(|at| if at % 2 == 0 { small } else { large }));
+            assert!(of(&wall).iter().all(|ratio| *ratio > 60.0), "{small}: {:?}", of(&wall));
+        }
+    }
+
+    /// The crowd of each mesh is no more than the meshes beside it.
+    #[test]
+    fn sizes_that_grow_step_by_step_are_no_crowd() {
+        let steps = row((0..20).map(|at| 1.1 * (f64::from(at) / 2.0).exp2()));
+        let found = of(&steps);
+        assert!(found.iter().all(|ratio| (1.0..8.0).contains(ratio)), "{found:?}");
+        assert_eq!(of(&row([22.0, 57.0])), [0.0; 2], "a house and its ground");
     }
 
     #[test]
