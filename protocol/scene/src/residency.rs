@@ -15,7 +15,9 @@ mod seen_from;
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashMap};
 
-use super::{Mesh, Primitive, Scene, Texture};
+use polyptych_files::blob::BlobHash;
+
+use super::{IndexFormat, Mesh, Primitive, Scene, Texture, Topology, VertexLayout};
 pub use seen_from::{MeshWeights, SeenFrom};
 
 /// Longest side in pixels of a texture of which no level is left out: others take the memory.
@@ -164,9 +166,14 @@ fn refine(units: &[Unit], room: u64) -> Vec<usize> {
     steps
 }
 
-/// The key of primitives that share bytes on the GPU.
-fn slot(of: &Primitive) -> (polyptych_files::blob::BlobHash, [u32; 4]) {
-    (of.blob, [of.vertex_count, of.index_count, of.coarser_index_count, of.meshlet_count])
+/// The key of primitives that share bytes on the GPU: all that servers tell them apart by.
+type Slot = (BlobHash, (VertexLayout, Topology), IndexFormat, [u32; 4], Option<usize>);
+
+/// The slot of a primitive of this mesh. Where clips bend it, each mesh has vertices of its own.
+fn slot(mesh: usize, of: &Primitive) -> Slot {
+    let counts = [of.vertex_count, of.index_count, of.coarser_index_count, of.meshlet_count];
+    let shape = (of.layout, of.topology);
+    (of.blob, shape, of.index_format, counts, of.deformed.map(|_| mesh))
 }
 
 /// Joins meshes with primitives in common, in the order of the first of each.
@@ -181,7 +188,7 @@ fn units(meshes: &[Mesh], weights: &[f64]) -> Vec<Unit> {
     let mut known = HashMap::new();
     for (index, mesh) in meshes.iter().enumerate() {
         for primitive in &mesh.primitives {
-            let first = *known.entry(slot(primitive)).or_insert(index);
+            let first = *known.entry(slot(index, primitive)).or_insert(index);
             let (a, b) = (root(&unit_of, first), root(&unit_of, index));
             unit_of[a.max(b)] = a.min(b);
         }
@@ -207,21 +214,21 @@ impl Unit {
         let primitives = || {
             let weight = |mesh: usize| weights.get(mesh).copied().unwrap_or(1.0);
             self.meshes.iter().flat_map(move |&mesh| {
-                meshes[mesh].primitives.iter().map(move |of| (of, weight(mesh)))
+                meshes[mesh].primitives.iter().map(move |of| (mesh, of, weight(mesh)))
             })
         };
         let mut levels: Vec<u32> =
-            primitives().flat_map(|(of, _)| of.cuts.iter().map(|cut| cut.level)).collect();
+            primitives().flat_map(|(_, of, _)| of.cuts.iter().map(|cut| cut.level)).collect();
         levels.push(0);
         levels.sort_unstable_by(|a, b| b.cmp(a));
         levels.dedup();
         let step = |&level: &u32| {
             let (mut bytes, mut error) = (HashMap::new(), 0.0_f64);
-            for (primitive, weight) in primitives() {
+            for (mesh, primitive, weight) in primitives() {
                 let cut = primitive.cut_at(level);
                 // Equal blobs have equal cuts, but a manifest may lie.
                 let limited = primitive.limited_to(&cut);
-                bytes.insert(slot(&limited), limited.geometry_bytes());
+                bytes.insert(slot(mesh, &limited), limited.geometry_bytes());
                 error = error.max(f64::from(cut.error) * weight);
             }
             let all = bytes.values().copied().fold(0, u64::saturating_add);

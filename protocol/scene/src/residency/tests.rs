@@ -5,6 +5,7 @@ use polyptych_files::blob::BlobHash;
 use proptest::prelude::*;
 
 use super::*;
+use crate::deformation::DeformedPrimitive;
 use crate::{
     IndexFormat, LevelCut, Node, Primitive, Sampler, TextureFormat, Topology, VertexLayout,
 };
@@ -63,9 +64,10 @@ fn texture(name: u8, side: u32) -> Texture {
 
 /// Bytes on the GPU of a limited scene, by definition.
 fn content_bytes(scene: &Scene) -> u64 {
-    let primitives = scene.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let meshes = scene.meshes.iter().enumerate();
+    let primitives = meshes.flat_map(|(at, mesh)| mesh.primitives.iter().map(move |of| (at, of)));
     let primitives: HashMap<_, u64> =
-        primitives.map(|of| (slot(of), of.geometry_bytes())).collect();
+        primitives.map(|(at, of)| (slot(at, of), of.geometry_bytes())).collect();
     let textures: HashMap<_, u64> =
         scene.textures.iter().map(|of| ((of.blob, of.width), of.bytes())).collect();
     primitives.values().sum::<u64>() + textures.values().sum::<u64>()
@@ -173,6 +175,34 @@ fn the_mesh_with_the_largest_error_is_refined_first() {
     let held = Residency::choose(&shared, &[], &[1.0, 9.0], 40 * 1000).unwrap();
     assert_eq!(held.levels[0], held.levels[1]);
     assert!((held.error - 9.0 * 0.5).abs() < 1e-6 || held.levels[0] != 1);
+}
+
+/// Nodes of one file that clips bend have equal blobs in meshes of their own.
+#[test]
+fn meshes_that_clips_bend_count_once_each_and_are_refined_by_themselves() {
+    let deformed = DeformedPrimitive {
+        blob: BlobHash([9; 32]),
+        bytes: 1,
+        joint_sets: 1,
+        joint_count: 1,
+        target_count: 0,
+        is_flat: false,
+    };
+    let still = primitive(1, 1000, &[(4, 0.5)]);
+    let bent = Primitive { deformed: Some(deformed), ..still.clone() };
+    let four = |of: &Primitive| [(); 4].map(|()| mesh(vec![of.clone()]));
+    let least = |meshes: &[Mesh]| Residency::choose(meshes, &[], &[], 0).unwrap_err().least;
+    assert_eq!(least(&four(&bent)), 4 * least(&four(&still)));
+    // The coarsest of all, and one that is refined in this part and one in another.
+    let budget = least(&four(&bent)) + 2 * still.geometry_bytes();
+    let levels =
+        |weights: [f64; 4]| Residency::choose(&four(&bent), &[], &weights, budget).unwrap().levels;
+    assert_eq!(levels([1.0, 3.0, 1.0, 1.0]), [1, 0, 1, 1]);
+    assert_eq!(levels([1.0, 1.0, 1.0, 3.0]), [1, 1, 1, 0]);
+    // The bytes of points may be those of lines.
+    let lines = Primitive { topology: Topology::Lines, ..still.clone() };
+    let both = [mesh(vec![still.clone()]), mesh(vec![lines])];
+    assert_eq!(least(&both), 2 * least(&four(&still)));
 }
 
 #[test]
