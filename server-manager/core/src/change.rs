@@ -14,7 +14,6 @@ use polyptych_wall::ChannelId;
 use super::calibrate;
 use super::change_queue::{ChangeOrigin, InFlightChange, StateChange};
 use super::registry::ChannelEntry;
-use super::residency::PART_TIME_MAX;
 use super::scene_editing::EditWaiter;
 use super::{
     ClientRequest, Cluster, ImportedScene, ImportedSession, Micros, PlayedClips, SessionId,
@@ -22,7 +21,7 @@ use super::{
 
 /// Maximum time for which a change waits for a server: enough for a large scene on a slow link.
 /// After this the wall goes on without its channels until they are ready.
-const PREPARE_TIME_MAX: Micros = 120_000_000;
+pub(super) const PREPARE_TIME_MAX: Micros = 120_000_000;
 
 /// Maximum time for which a scene that no display is ready for is waited for while no other change
 /// waits behind it, for the wall would be dark with it: ten GiB take an hour at 25 Mbit/s.
@@ -41,6 +40,9 @@ pub(super) const CHANGES_MAX: usize = 64;
 /// The reason for which a scene is not shown that no display was ready for.
 const NOT_READY_IN_TIME: &str =
     "no display was ready for the scene in time; open it again: what displays have fetched is kept";
+
+/// The reason for which another part of the scene is not shown that a display was not ready for.
+const PART_NOT_READY: &str = "a display was not ready for another part of the scene in time";
 
 /// The reason for which a server is given the shown state anew.
 pub(super) const HOLDS_REFUSED: &str = "it has prepared a change that was refused";
@@ -151,7 +153,7 @@ impl Cluster {
             let expires = now
                 + match change.opened() {
                     Some(_) => OPEN_PROGRESS_PERIOD,
-                    None if is_part => PART_TIME_MAX,
+                    None if is_part => self.part_time(),
                     None => PREPARE_TIME_MAX,
                 };
             let (failed, told_percent) = (Vec::new(), None);
@@ -249,8 +251,9 @@ impl Cluster {
         let is_tuning = matches!(change.purpose, ChangeOrigin::Tuning { .. });
         if is_overdue || !failed.is_empty() && (!has_one || is_tuning || is_residency) {
             let mut reasons: Vec<_> = failed.into_iter().map(|(_, reason)| reason).collect();
-            if is_dark && is_overdue {
-                reasons.push(NOT_READY_IN_TIME.to_owned());
+            if is_overdue {
+                let reason = if is_residency { PART_NOT_READY } else { NOT_READY_IN_TIME };
+                reasons.push(reason.to_owned());
             }
             let reason = format!("nothing has changed, since {}", reasons.join("; "));
             self.refuse(&change.purpose, &reason);
@@ -258,7 +261,7 @@ impl Cluster {
                 self.refuse_waiting_edits(&reason);
             }
             if is_residency {
-                self.postpone_residency(now);
+                self.postpone_residency(now, &reason);
             }
             if is_tuning {
                 // They were made of the one that failed.

@@ -11,6 +11,7 @@ use polyptych_scene::residency::SeenFrom;
 use polyptych_wall::view::ViewProjection;
 use serde::{Deserialize, Serialize};
 
+use super::change::PREPARE_TIME_MAX;
 use super::change_queue::ChangeOrigin;
 use super::{Cluster, Micros, SessionId, StateChange};
 
@@ -24,8 +25,10 @@ const CHANGE_FACTOR: Micros = 4;
 /// Time after which a part is asked for again that servers could not get ready.
 const RETRY_PERIOD: Micros = 10_000_000;
 
-/// Maximum time for which another part is waited for: there is one that is shown until then.
-pub(super) const PART_TIME_MAX: Micros = 10_000_000;
+/// Maximum time for which another part is waited for at first: there is one that is shown until
+/// then. It is twice as long behind each that was not ready, as servers begin anew with each, up to
+/// the time that any change has.
+const PART_TIME_MAX: Micros = 10_000_000;
 
 /// What frames are seen from, and when servers are told.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -36,6 +39,9 @@ pub(super) struct Residency {
     asked_at: Micros,
     /// No other part is asked for before.
     not_before: Micros,
+    /// Number of parts in a row that servers could not get ready, though no change waited for it.
+    #[serde(default)]
+    failures: u32,
     /// No frame of the part that is held has begun.
     is_new: bool,
     /// The first frame of the part that is held, while it is on its way.
@@ -124,6 +130,7 @@ impl Cluster {
     /// The state that frames name has another part of the scene.
     pub(super) fn commit_residency(&mut self, now: Micros, failed: &[(SessionId, String)]) {
         self.residency.is_new = true;
+        self.residency.failures = 0;
         self.space_parts(now);
         self.demote_unprepared(now, failed);
         // A wall that is paused shows it too.
@@ -142,9 +149,24 @@ impl Cluster {
         }
     }
 
+    /// The time for which the next part is waited for.
+    pub(super) fn part_time(&self) -> Micros {
+        let factor = 1_u64.checked_shl(self.residency.failures).unwrap_or(Micros::MAX);
+        PART_TIME_MAX.saturating_mul(factor).min(PREPARE_TIME_MAX)
+    }
+
     /// Servers could not get another part ready; they go on with the one that they have.
-    pub(super) fn postpone_residency(&mut self, now: Micros) {
+    pub(super) fn postpone_residency(&mut self, now: Micros, reason: &str) {
         self.residency.not_before = now + RETRY_PERIOD;
+        // One that others were waiting for had little time.
+        if self.changes.waiting() > 0 {
+            return;
+        }
+        // Said once, however often it is tried again.
+        if self.residency.failures == 0 {
+            tracing::warn!(reason, "another part of the scene could not be shown");
+        }
+        self.residency.failures = self.residency.failures.saturating_add(1);
     }
 
     /// Returns whether another part is on its way, or waits for its turn.

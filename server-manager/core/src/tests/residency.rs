@@ -223,6 +223,21 @@ fn a_part_for_which_nobody_else_waits_has_ten_seconds() {
     assert_eq!(stage.cluster.shown.seen_from.len(), 1);
 }
 
+/// Servers begin anew with each try: one that takes longer than the first would never come.
+#[test]
+fn a_part_that_was_not_ready_has_twice_the_time_when_it_is_tried_again() {
+    let mut stage = ClusterFixture::limited();
+    stage.look(at(10.0));
+    stage.live_for(10_500_000);
+    stage.draw(&[0, 1], 1_000);
+    stage.prepares.clear();
+    stage.live_for(10_000_000);
+    assert_eq!(stage.prepares.len(), 2, "it is tried again");
+    stage.live_for(19_000_000);
+    stage.prepare_all();
+    assert_eq!(stage.cluster.shown.seen_from.len(), 1);
+}
+
 #[test]
 fn a_part_that_comes_after_it_was_given_up_costs_no_display() {
     let mut stage = ClusterFixture::limited();
