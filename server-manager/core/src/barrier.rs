@@ -41,6 +41,9 @@ pub(super) struct Barrier {
     /// A channel that it waits for has just come, or its pictures are read back: its time says
     /// nothing of the next frames.
     is_untypical: bool,
+    /// Another scene was opened since, of which its times say nothing.
+    #[serde(default)]
+    pub is_past: bool,
     pub time_s: f64,
     pub began: Micros,
     /// The time at which its wait starts: its own beginning or the swap of the frame before,
@@ -219,6 +222,7 @@ impl Cluster {
             error_px,
             reduction,
             is_untypical: is_cold || capture.is_some() || is_new,
+            is_past: false,
             time_s,
             began: now,
             turn: now,
@@ -310,6 +314,7 @@ impl Cluster {
         // A frame on its way may be of the state before the one that is shown from the next on.
         let present = self.pipeline.iter().find(|b| b.revision == drawn.revision);
         let shown = (self.shown.revision == drawn.revision).then_some(self.shown_digest);
+        let is_past = present.is_some_and(|b| b.is_past);
         let Some(digest) = present.map(|b| b.digest).or(shown) else { return };
         if drawn.digest != digest {
             self.handle_divergence(now, from, "its state has another digest than the manager's");
@@ -331,7 +336,7 @@ impl Cluster {
         if is_awaited {
             self.rate_bound.record_awaited(drawn.channel);
         } else if let Some((_, reduction)) =
-            beginning.filter(|_| self.is_warm(drawn.channel) && !drawn.is_trial)
+            beginning.filter(|_| self.is_warm(drawn.channel) && !drawn.is_trial && !is_past)
         {
             let (draw_us, undrawn_us) = (Micros::from(drawn.draw_us), self.undrawn_time());
             let bounds = &self.presentation.bounds;
@@ -418,10 +423,10 @@ impl Cluster {
         self.swapped = barrier.frame;
         self.end_part_frame(now, barrier.frame);
         let slowest_us = barrier.slowest_us();
-        if let Some(typical_us) = barrier.typical_slowest_us() {
+        if let Some(typical_us) = barrier.typical_slowest_us().filter(|_| !barrier.is_past) {
             self.deadline.add(typical_us);
         }
-        if !barrier.is_untypical {
+        if !barrier.is_untypical && !barrier.is_past {
             // One that was not waited for any longer took as long as that.
             let missed_us = now.saturating_sub(barrier.turn + lead_us);
             let missed_us = (!barrier.waited.is_empty()).then_some(missed_us);

@@ -304,6 +304,7 @@ impl Cluster {
     ) {
         self.deadline.restart();
         self.rate_bound.restart();
+        self.pipeline.end_scene();
         self.registry.restart_warm_up();
         let revision = self.shown.revision;
         let tell = || tracing::info!(revision = revision.0, "the wall shows a new revision");

@@ -74,6 +74,13 @@ impl Pipeline {
         }
     }
 
+    /// Another scene is shown from the next frame on.
+    pub fn end_scene(&mut self) {
+        for barrier in &mut self.0 {
+            barrier.is_past = true;
+        }
+    }
+
     /// This server is to show none of the frames.
     pub fn exclude(&mut self, session: SessionId) {
         for barrier in &mut self.0 {

@@ -196,6 +196,23 @@ fn frames_that_are_slow_for_comparison_change_no_bound() {
 }
 
 #[test]
+fn a_frame_of_the_scene_before_is_forgotten_with_it() {
+    let mut stage = ClusterFixture::new(1);
+    stage.bound(RATE);
+    stage.order_frame();
+    let drawn = FrameRendered { draw_us: 70_000, ..stage.drawn(0) };
+    stage.request(Request::CloseScene);
+    stage.prepare_all();
+    stage.wait(70_000);
+    stage.swaps.clear();
+    stage.say(SessionId(0), ServerMessage::Drawn(drawn));
+    assert_eq!(stage.swaps, [drawn.frame], "it is shown");
+    assert_eq!(stage.cluster.status(stage.now).error_in_force_px, 0.0);
+    let deadline = &stage.cluster.deadline;
+    assert_eq!(deadline.length(), deadline.longest());
+}
+
+#[test]
 fn what_a_server_makes_up_about_its_error_stays_within_the_bound() {
     let mut stage = ClusterFixture::new(1);
     stage.bound(QualityBounds { error_px: 2.0, rate_fps: None });
