@@ -9,8 +9,12 @@ use polyptych_scene::{IndexFormat, Primitive};
 
 use crate::gpu::Gpu;
 
-/// Bytes of a shared buffer at most, unless one geometry takes more.
+/// Bytes of a shared buffer at most.
 const SHARED_BYTES_MAX: u64 = 64 << 20;
+
+/// Vertices or indices of more bytes have a buffer of their own: what they do not fit into any more
+/// would stay empty, so that buffers took up to twice what is in them, and not an eighth more.
+const SHARING_BYTES_MAX: u64 = SHARED_BYTES_MAX / 8;
 
 /// The content of a buffer: elements of one size, so that each geometry begins at a whole number of
 /// them.
@@ -48,7 +52,7 @@ pub(super) enum GeometryRoom {
 #[derive(Debug, Default)]
 pub(super) struct SharedRoom {
     open: HashMap<Elements, OpenBuffer>,
-    /// Bytes that will be asked for: no buffer is larger.
+    /// Bytes that will be asked for of what shares: no buffer is larger.
     to_come: HashMap<Elements, u64>,
 }
 
@@ -58,7 +62,9 @@ impl SharedRoom {
         let mut to_come = HashMap::new();
         for of in geometries {
             for (elements, bytes) in elements_of(of) {
-                *to_come.entry(elements).or_default() += padded(bytes);
+                if padded(bytes) <= SHARING_BYTES_MAX {
+                    *to_come.entry(elements).or_default() += padded(bytes);
+                }
             }
         }
         Self { open: HashMap::new(), to_come }
@@ -66,6 +72,9 @@ impl SharedRoom {
 
     fn place(&mut self, gpu: &Gpu, (elements, bytes): (Elements, u64)) -> Place {
         let bytes = padded(bytes);
+        if bytes > SHARING_BYTES_MAX {
+            return Place { buffer: buffer(gpu, bytes), first_byte: 0 };
+        }
         let to_come = self.to_come.entry(elements).or_default();
         let size_max = SHARED_BYTES_MAX.min(gpu.device.limits().max_buffer_size).min(*to_come);
         *to_come = to_come.saturating_sub(bytes);
@@ -130,4 +139,45 @@ fn buffer(gpu: &Gpu, size: u64) -> wgpu::Buffer {
         usage: BufferUsages::VERTEX | BufferUsages::INDEX | BufferUsages::COPY_DST,
         mapped_at_creation: false,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DVec3, Vec3};
+    use polyptych_files::blob::BlobHash;
+    use polyptych_scene::{Topology, VertexLayout};
+
+    use super::*;
+
+    fn vertices(vertex_count: u32) -> Primitive {
+        Primitive {
+            blob: BlobHash([0; 32]),
+            layout: VertexLayout::default(),
+            vertex_count,
+            index_count: 0,
+            coarser_index_count: 0,
+            meshlet_count: 0,
+            cuts: Vec::new(),
+            finest_level: 0,
+            deformed: None,
+            index_format: IndexFormat::U32,
+            topology: Topology::Triangles,
+            material: None,
+            origin: DVec3::ZERO,
+            min: Vec3::ZERO,
+            max: Vec3::ONE,
+        }
+    }
+
+    #[test]
+    fn a_large_geometry_takes_its_own_bytes_and_small_ones_go_on_sharing() {
+        let gpu = Gpu::headless().expect("a GPU");
+        let all = [100, 500_000, 200].map(vertices);
+        let mut room = SharedRoom::new(all.iter());
+        let [first, large, last] = all.each_ref().map(|of| room.place(&gpu, elements_of(of)[0]));
+        assert_eq!(large.buffer.size(), all[1].vertex_bytes());
+        assert!(first.buffer == last.buffer && first.buffer != large.buffer);
+        let [before, after] = [&all[0], &all[2]].map(Primitive::vertex_bytes);
+        assert_eq!((last.first_byte, last.buffer.size()), (before, before + after));
+    }
 }
