@@ -317,7 +317,8 @@ impl Drop for BlobSources {
     }
 }
 
-/// The parts of a whole blob.
+/// The parts of a whole blob. Of a blob of which some is left over they are copies, so that no more
+/// than they are held.
 ///
 /// # Errors
 /// It ends before one of them.
@@ -327,7 +328,12 @@ fn cut(bytes: Bytes, parts: BlobParts) -> Result<Vec<Bytes>, String> {
     if let Some(part) = parts.iter().find(|of| of.start > of.end || of.end > length) {
         return Err(format!("a blob has {length} bytes, where {} are described", part.end));
     }
-    Ok(parts.iter().map(|of| bytes.slice(of.start as usize..of.end as usize)).collect())
+    let is_all = parts.iter().map(|of| of.end - of.start).sum::<u64>() >= length;
+    let part = |of: &Range<u64>| {
+        let part = bytes.slice(of.start as usize..of.end as usize);
+        if is_all { part } else { Bytes::copy_from_slice(&part) }
+    };
+    Ok(parts.iter().map(part).collect())
 }
 
 /// Waits for an answer as long as the preparation is wanted; `None` if none comes any more.

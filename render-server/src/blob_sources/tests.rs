@@ -113,3 +113,14 @@ fn parts_of_a_blob_are_those_of_the_whole_and_are_checked() {
     std::fs::write(&path, b"harbouR").expect("written");
     assert_eq!(fixture.sources.stored_parts(here, &[0..2, 3..4]), None, "damaged behind the part");
 }
+
+/// The budget of main memory counts parts only.
+#[test]
+fn parts_of_a_blob_do_not_hold_the_whole() {
+    let whole = Bytes::from(b"harbour".to_vec());
+    for (ranges, is_freed) in [(vec![0..2, 3..7], true), (vec![0..3, 3..7], false)] {
+        let parts = cut(whole.clone(), Some(ranges)).expect("within the blob");
+        assert_eq!(parts.last().map(|part| &part[..]), Some(&b"bour"[..]));
+        assert_eq!(whole.is_unique(), is_freed);
+    }
+}
