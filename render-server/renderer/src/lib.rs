@@ -224,11 +224,6 @@ impl Renderer {
         self.pipelines.add(pipelines);
     }
 
-    /// Gives back the pipelines that none of these scenes needs; those that some share stay.
-    pub fn retain_pipelines<'a>(&mut self, scenes: impl Iterator<Item = &'a GpuScene>) {
-        self.pipelines.retain(scenes);
-    }
-
     /// Makes the pipelines that the scene needs and that are not there yet, and has the driver
     /// compile them: up to a second with a software driver, which the first frame is spared.
     ///

@@ -1,6 +1,6 @@
 //! Pipelines: one for each combination that the scene has, and no other.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use polyptych_scene::{Topology, VertexLayout};
 use polyptych_wall::ShadowFilter;
@@ -146,12 +146,6 @@ impl PipelineKey {
         self.shadows != ShadowFilter::Off
     }
 
-    /// The part of it that neither a variant nor a filter changes.
-    fn of_scene(&self) -> Self {
-        let shadows = if self.has_shadows() { ShadowFilter::Hard } else { ShadowFilter::Off };
-        Self { shadows, linear: false, ..*self }
-    }
-
     /// Returns whether light passes through its surfaces.
     pub fn transmits(&self) -> bool {
         self.material.extensions.set.transmission
@@ -187,11 +181,6 @@ impl PipelineKey {
             ambient_occlusion: built.ambient_occlusion && m.lit,
             extensions: m.extensions.set,
         }
-    }
-
-    /// The shader of a pipeline: its interface, and whether it blends.
-    fn module(&self, built: Built) -> (Interface, bool) {
-        (self.interface(built), self.material.alpha == Alpha::Blend)
     }
 
     fn constants(&self) -> Vec<(&'static str, f64)> {
@@ -292,17 +281,6 @@ impl Pipelines {
         self.ready.extend(ready);
     }
 
-    /// Gives back what scenes of these keys need in no way.
-    pub fn retain(&mut self, keys: &BTreeSet<PipelineKey>) {
-        let needed: BTreeSet<_> = keys.iter().map(PipelineKey::of_scene).collect();
-        let count = self.ready.len();
-        self.ready.retain(|(key, _), _| needed.contains(&key.of_scene()));
-        if self.ready.len() < count {
-            let used: BTreeSet<_> = self.ready.keys().map(|(key, of)| key.module(*of)).collect();
-            self.modules.retain(|module, _| used.contains(module));
-        }
-    }
-
     /// The key of a scene with the filter in force, for the target of a variant.
     fn filtered(&self, key: &PipelineKey, variant: PipelineVariant) -> PipelineKey {
         let shadows = if key.has_shadows() { self.shadows } else { key.shadows };
@@ -328,7 +306,8 @@ impl Pipelines {
     }
 
     fn build(&mut self, gpu: &Gpu, key: &PipelineKey, built: Built) -> wgpu::RenderPipeline {
-        let (interface, blended) = key.module(built);
+        let blended = key.material.alpha == Alpha::Blend;
+        let interface = key.interface(built);
         let layout = self.layouts.get(&key.layout_key(built));
         let pass = if blended { transparent::SOURCE } else { opaque::SOURCE };
         let module = self.modules.entry((interface, blended)).or_insert_with(|| {

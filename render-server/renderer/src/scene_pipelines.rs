@@ -1,6 +1,5 @@
 //! The pipelines that scenes are drawn with.
 
-use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use polyptych_scene::LightEffects;
@@ -92,17 +91,6 @@ impl ScenePipelines {
         }
         if let Some(occluders) = &mut self.occluders {
             occluders.prepare(gpu, keys);
-        }
-    }
-
-    /// Gives back what these scenes need in no way: onto no target and with no effects, since
-    /// frames may bring others.
-    pub(crate) fn retain<'a>(&mut self, scenes: impl Iterator<Item = &'a GpuScene>) {
-        let keys: BTreeSet<_> = scenes.flat_map(|scene| &scene.layout.keys).copied().collect();
-        self.surfaces.retain(&keys);
-        self.casters.retain(&keys);
-        if let Some(occluders) = &mut self.occluders {
-            occluders.retain(&keys);
         }
     }
 

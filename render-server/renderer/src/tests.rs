@@ -17,7 +17,6 @@ mod glow;
 mod gpu_faults;
 mod harness;
 mod iridescence;
-mod kept_pipelines;
 mod labels;
 mod lamp_grid;
 mod lamp_shadows;

@@ -227,16 +227,7 @@ impl RenderThread {
         }
         let scene_bytes = scene.content_bytes();
         self.states.push_back(ReadyState { state, scene, correctors });
-        self.drop_old_pipelines();
         Ok(scene_bytes)
-    }
-
-    /// Gives back the pipelines of scenes that are drawn no more. Those of the scene before stay
-    /// until the state after the next one, so that who goes back to it finds them.
-    fn drop_old_pipelines(&mut self) {
-        let next = self.preparation.as_ref().map(|of| &of.scene);
-        let scenes = self.states.iter().map(|of| &of.scene).chain(next);
-        self.renderer.retain_pipelines(scenes.map(|scene| &**scene));
     }
 
     /// A scene in what surrounds it in a state, and whether the pipelines of the state before

@@ -4,7 +4,7 @@
 //! is the same there, to the bit. What lies behind them at a sample cannot win there, so that it
 //! changes no pixel if its fragments are not shaded, or if it is not drawn at all.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use polyptych_scene::{Topology, VertexLayout};
 
@@ -131,12 +131,6 @@ impl OccluderPass {
     /// Takes what another one of the same samples has made.
     pub fn add(&mut self, other: Self) {
         self.depth.extend(other.depth);
-    }
-
-    /// Gives back what scenes of these keys do not need.
-    pub fn retain(&mut self, keys: &BTreeSet<PipelineKey>) {
-        let needed: BTreeSet<_> = keys.iter().filter_map(DepthKey::new).collect();
-        self.depth.retain(|key, _| needed.contains(key));
     }
 
     fn build(&self, gpu: &Gpu, key: DepthKey) -> wgpu::RenderPipeline {

@@ -1,7 +1,7 @@
 //! The depth of all that casts shadows: as a light sees it, or as a viewer does for ambient
 //! occlusion.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use polyptych_scene::{Topology, VertexLayout};
 
@@ -115,15 +115,6 @@ impl CasterPass {
     pub fn add(&mut self, other: Self) {
         self.modules.extend(other.modules);
         self.pipelines.extend(other.pipelines);
-    }
-
-    /// Gives back what scenes of these keys do not need.
-    pub fn retain(&mut self, keys: &BTreeSet<PipelineKey>) {
-        let of = |key| [Sides::Both, Sides::Shown].map(|sides| CasterKey::new(key, sides));
-        let needed: BTreeSet<CasterKey> = keys.iter().flat_map(of).flatten().collect();
-        self.pipelines.retain(|key, _| needed.contains(key));
-        let used: BTreeSet<_> = self.pipelines.keys().map(|key| key.interface()).collect();
-        self.modules.retain(|module, _| used.contains(module));
     }
 
     /// The pipelines of a scene, in the order of its keys; `None` for what casts no shadow or was

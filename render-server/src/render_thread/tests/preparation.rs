@@ -74,22 +74,6 @@ fn frames_go_on_while_pipelines_are_made_and_warmed_up() {
 }
 
 #[test]
-fn pipelines_of_a_scene_that_is_closed_are_given_back() {
-    let (mut stage, state) = shown();
-    let scene = Rc::clone(&stage.thread.states.back().expect("a state").scene);
-    let has_them = |stage: &RenderThreadFixture| {
-        let needs = stage.thread.needs(&state, &scene);
-        needs.iter().all(|needs| stage.thread.renderer.pipelines().meet(needs))
-    };
-    stage.prepare(wall());
-    assert!(has_them(&stage), "it is drawn still");
-    stage.show(0.5, OutputMode::Normal);
-    assert!(has_them(&stage), "it may be opened again");
-    stage.prepare(wall());
-    assert!(!has_them(&stage), "nothing needs them");
-}
-
-#[test]
 fn a_preparation_that_is_given_up_has_no_answer_and_the_next_one_has() {
     let (mut stage, state) = shown();
     let fog = LightEffects { fog: true, ..LightEffects::default() };
