@@ -82,8 +82,9 @@ impl WarpMesh {
         Self::with_borders(size, rule, point, |_| false)
     }
 
-    /// The mesh like [`Self::new`], which passes over nothing: `is_mixed` returns whether there may
-    /// be both lit and dark places in a cell, of whose places in the picture all are lit or none.
+    /// The mesh like [`Self::new`], which passes over nothing as long as there is room: `is_mixed`
+    /// returns whether there may be both lit and dark places in a cell, of whose places in the
+    /// picture all are lit or none.
     pub(crate) fn with_borders(
         size: UVec2,
         rule: TessellationOptions,
@@ -99,20 +100,22 @@ impl WarpMesh {
         mut point: impl FnMut(DVec2) -> Option<DVec3>,
         mut is_mixed: impl FnMut(&CellPlaces) -> bool,
     ) -> Self {
-        let mut error_px = rule.error_px;
+        let (mut error_px, mut has_room_for_borders) = (rule.error_px, true);
         loop {
             let finite = |pixel| point(pixel).filter(|point| point.is_finite());
-            // The borders of noise alone may be more than there is room for.
-            let is_bounded = error_px.is_finite();
             let mut maker = Tessellator {
                 point: finite,
-                is_mixed: |places: &CellPlaces| is_bounded && is_mixed(places),
+                is_mixed: |places: &CellPlaces| has_room_for_borders && is_mixed(places),
                 error_px,
                 mesh: Self::default(),
                 known: HashMap::new(),
             };
             if maker.fill(size, rule.step_px.max(1), vertices_max) {
                 return maker.mesh;
+            }
+            // Noise in a map has borders everywhere, and costs no other part its shape.
+            if std::mem::replace(&mut has_room_for_borders, false) {
+                continue;
             }
             // At the largest error only borders that corners see are divided.
             error_px = if error_px < 1e3 { error_px.max(1e-3) * 4.0 } else { f64::INFINITY };

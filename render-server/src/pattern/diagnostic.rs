@@ -127,7 +127,7 @@ pub(super) fn overlap(
         lit
     };
     let mut image = places.paint(prepare, |lit, place| {
-        let Some(place) = place else { return BLACK };
+        let Some(place) = place.filter(|place| places.is_lit(place.at)) else { return BLACK };
         COUNTS[(lit.count(place.at) - 1).min(COUNTS.len() - 1)]
     });
     let lines = vec![own.name.clone(), "blue 1, green 2, yellow 3, red 4 channels".to_owned()];

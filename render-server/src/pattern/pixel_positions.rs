@@ -61,6 +61,11 @@ impl<'a> PixelPositions<'a> {
         })
     }
 
+    /// Returns whether light of the channel at a place of the canvas falls on it.
+    pub fn is_lit(&self, canvas: DVec2) -> bool {
+        self.map.is_on_canvas(canvas)
+    }
+
     /// A picture whose pixels are a function of their places, of the blocks they are in and of
     /// what is made once for each of these.
     pub fn paint<T>(

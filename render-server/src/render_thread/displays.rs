@@ -34,16 +34,13 @@ impl RenderThread {
         for index in 0..self.outputs.len() {
             let output = &mut self.outputs[index];
             let Some((id, _)) = wall.channel_by_name(&output.name) else { continue };
-            if !output.drawn.has((epoch, frame)) {
-                // It keeps its picture, in the mode of this frame.
-                self.show_again(index);
-                continue;
-            }
-            if is_taken {
+            // One that could not draw keeps its picture, in the mode of this frame.
+            let is_drawn = output.drawn.has((epoch, frame));
+            if is_taken && is_drawn {
                 output.latch_image(&self.gpu, (epoch, frame));
             }
             let fault = output.present(&self.gpu, &self.showing, &self.identity).err();
-            let is_shown = fault.is_none();
+            let is_shown = is_drawn && fault.is_none();
             if output.present_fault != fault {
                 if let Some(reason) = &fault {
                     tracing::warn!(channel = output.name, reason, "its display takes no frames");

@@ -77,7 +77,7 @@ impl RenderThread {
         if let Some(wall) = state.replica.wall.as_deref() {
             self.renderer.set_shadows(wall.shadows);
         }
-        let needs = self.needs(&state, &scene);
+        let needs = self.needs_and_metering(&state, &scene);
         let own = self.renderer.pipelines();
         let is_made = needs.iter().all(|needs| own.meet(needs));
         if is_made && !is_new {
@@ -275,8 +275,7 @@ impl RenderThread {
         Ok(Rc::new(RefCell::new(correctors)))
     }
 
-    /// The needs of a scene for the targets that this server's channels have, and for its metering
-    /// where frames have automatic exposure.
+    /// The needs of a scene for the targets that this server's channels have.
     pub(super) fn needs(&self, state: &LoadedState, scene: &GpuScene) -> Vec<PipelineNeeds> {
         let is_corrected = |output: &ChannelOutput| state.plans.contains_key(&output.name);
         let contents = [(ImageEncoding::Srgb, false), (ImageEncoding::Light, true)];
@@ -284,12 +283,23 @@ impl RenderThread {
             self.outputs.iter().any(|output| is_corrected(output) == *corrected)
         });
         let effects = state.replica.effects;
-        let metering = self.is_metering.then(|| PipelineNeeds::metering(scene, effects));
-        let drawing = used.map(|(content, _)| PipelineNeeds::new(scene, content, effects));
-        drawing.chain(metering).collect()
+        used.map(|(content, _)| PipelineNeeds::new(scene, content, effects)).collect()
     }
 
-    /// Makes the pipelines of a scene for these targets at once.
+    /// The needs of a scene like [`Self::needs`], and those of its metering where frames have
+    /// automatic exposure.
+    pub(super) fn needs_and_metering(
+        &self,
+        state: &LoadedState,
+        scene: &GpuScene,
+    ) -> Vec<PipelineNeeds> {
+        let effects = state.replica.effects;
+        let metering = self.is_metering.then(|| PipelineNeeds::metering(scene, effects));
+        self.needs(state, scene).into_iter().chain(metering).collect()
+    }
+
+    /// Makes the pipelines of a scene for these targets at once; those of metering are never
+    /// waited for.
     pub(super) fn prepare(&mut self, state: &LoadedState, scene: &GpuScene) {
         if let Some(wall) = state.replica.wall.as_deref() {
             self.renderer.set_shadows(wall.shadows);

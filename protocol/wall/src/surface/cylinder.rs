@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::crossings;
 
 /// Maximum distance beside a patch at which rays still meet its surface, as a share of its width
-/// and height: a grid of pixels needs points beyond the edge to end at it.
+/// and height: places of patterns and seams beside the edge are known, and nothing is drawn there.
 const BESIDE_MAX: f64 = 0.05;
 
 /// A patch of a cylinder. Its own axes: y along the cylinder, azimuth 0 at −Z, growing to +X, so

@@ -97,3 +97,13 @@ fn noise_ends_in_a_mesh_of_bounded_size() {
     let mesh = WarpMesh::within(20_000, (SIZE, rule), rough, |_| false);
     assert!((4..=20_000).contains(&mesh.vertices.len()), "{}", mesh.vertices.len());
 }
+
+#[test]
+fn borders_that_find_no_room_cost_no_shape() {
+    let curved = |pixel: DVec2| Some(pixel.extend(-2000.0 - (pixel.x * 0.01).sin() * 50.0));
+    let rule = TessellationOptions::default();
+    let plain = WarpMesh::new(SIZE, rule, curved);
+    let limit = plain.vertices.len() + 100;
+    let speckled = WarpMesh::within(limit, (SIZE, rule), curved, |_| true);
+    assert_eq!(speckled.vertices.len(), plain.vertices.len());
+}

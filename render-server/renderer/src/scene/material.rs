@@ -216,7 +216,9 @@ impl SceneLayout {
             let at = of.texture as usize;
             self.desc.textures.get(at) == other.desc.textures.get(at)
         };
-        let is_changing = |of: &Self, number: u32| of.changing.iter().any(|(at, _)| *at == number);
+        let is_changing = |of: &Self, number: u32| {
+            of.changing.binary_search_by_key(&number, |(at, _)| *at).is_ok()
+        };
         let is_same = desc == other.desc.materials.get(others as usize)
             && desc.is_none_or(|desc| desc.textures().all(has_texture))
             && !is_changing(self, own)

@@ -64,7 +64,7 @@ fn the_first_metered_frame_waits_for_pipelines_that_are_made_beside_the_next_one
     let second = stage.draw_one(true);
     assert_eq!(stage.metered_by(second), [second], "they are there");
     // The next scene has them made with its others, as long as frames are metered.
-    assert_eq!(stage.thread.needs(&state, &scene).len(), 2);
+    assert_eq!(stage.thread.needs_and_metering(&state, &scene).len(), 2);
     stage.thread.is_metering = false;
-    assert_eq!(stage.thread.needs(&state, &scene).len(), 1);
+    assert_eq!(stage.thread.needs_and_metering(&state, &scene).len(), 1);
 }

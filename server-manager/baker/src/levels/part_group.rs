@@ -19,6 +19,9 @@ const CELLS_ACROSS: f64 = 4.0;
 /// frame around a window does not, shingles do, some of which may be left.
 const COVERED_MAX: f64 = 0.6;
 
+/// Points of the triangles of a quad.
+const QUAD_POINTS: usize = 6;
+
 /// The triangles of a connected part of a surface, and how much room they take.
 #[derive(Clone, Debug)]
 pub(super) struct PartPoints {
@@ -60,6 +63,10 @@ pub(super) struct PartGroup {
 /// [`PartGroup::width`].
 pub(super) fn width_of(points: &[DVec3]) -> f64 {
     let enclosed = width::of_points(points.iter().copied());
+    // A quad encloses about what it covers, and there may be one for each texture chart.
+    if points.len() <= QUAD_POINTS {
+        return enclosed;
+    }
     let Some(views) = views(points) else { return enclosed };
     // A triangle is looked at from aside: no side of it appears shorter than by this factor.
     let facing = |corners: &[DVec3; 3]| {
