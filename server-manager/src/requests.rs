@@ -219,7 +219,9 @@ mod tests {
         ask(&turns, 3, 11);
         assert_eq!([next(&mut turns), next(&mut turns)], [Some(10), Some(11)]);
         let finish = |turns: &Turns, id| turns.queues().finish(SessionId(3), RequestId(id));
-        [10, 11].into_iter().for_each(|id| finish(&turns, id));
+        for id in [10, 11] {
+            finish(&turns, id);
+        }
         for (at, id) in (12..).zip([4, 2, 3, 1, 5]) {
             assert_eq!(next(&mut turns), Some(id));
             assert_eq!((next(&mut turns), turns.due()), (None, None), "{id} has no answer yet");

@@ -8,7 +8,8 @@ use tokio::signal::unix::{SignalKind, signal};
 
 /// Calls `on_request` on a thread of its own whenever this process is asked to end: by Ctrl-C,
 /// SIGTERM, the end of its terminal (SIGHUP, unless `nohup` has started it) or, `with_parent`, the
-/// end of its parent. Requests count from the moment this returns.
+/// end of its parent. Requests count from the moment this returns. The end of a terminal is no
+/// repetition of another request: it comes twice, from the shell and the kernel, or behind SIGTERM.
 pub(crate) fn watch_shutdown_signals(
     with_parent: bool,
     mut on_request: impl FnMut() + Send + 'static,
@@ -30,6 +31,7 @@ pub(crate) fn watch_shutdown_signals(
     };
     let mut parent = with_parent.then(parent_end).transpose()?;
     let watch = async move {
+        let mut is_asked = false;
         loop {
             let parent_ends = async {
                 match parent.as_mut() {
@@ -43,15 +45,18 @@ pub(crate) fn watch_shutdown_signals(
                     None => std::future::pending().await,
                 }
             };
-            let is_parent = tokio::select! {
-                _ = interrupt.recv() => false,
-                _ = terminate.recv() => false,
-                () = hangs_up => false,
-                () = parent_ends => true,
-            };
-            if is_parent {
-                parent = None;
+            tokio::select! {
+                biased;
+                _ = interrupt.recv() => {}
+                _ = terminate.recv() => {}
+                () = hangs_up => {
+                    if is_asked {
+                        continue;
+                    }
+                }
+                () = parent_ends => parent = None,
             }
+            is_asked = true;
             on_request();
         }
     };
@@ -105,10 +110,17 @@ mod tests {
         let (asked, is_asked) = mpsc::sync_channel(4);
         let hangup = (!is_hangup_ignored()).then_some(Signal::HUP);
         watch_shutdown_signals(false, move || _ = asked.send(())).expect("listeners");
-        for signal in [Signal::TERM, Signal::INT, Signal::TERM].into_iter().chain(hangup) {
+        for signal in hangup.into_iter().chain([Signal::TERM, Signal::INT, Signal::TERM]) {
             kill_process(getpid(), signal).expect("sent");
             is_asked.recv().expect("a call for each signal");
+            // Once more for the same terminal: this one does not count.
+            if let Some(hangup) = hangup {
+                kill_process(getpid(), hangup).expect("sent");
+            }
         }
+        kill_process(getpid(), Signal::INT).expect("sent");
+        is_asked.recv().expect("a call");
+        assert!(is_asked.try_recv().is_err(), "a hangup counted as a repetition");
     }
 
     #[test]

@@ -115,7 +115,7 @@ fn travel(client: &Client, camera: Camera, time: Duration) -> anyhow::Result<boo
     Ok(!is_stopped)
 }
 
-/// Returns where the first Ctrl-C or SIGTERM arrives; the second ends this process at once, as a
+/// Returns where the first request to end arrives; the second ends this process at once, as a
 /// manager that is away may be waited for.
 fn stop_requests() -> std::io::Result<mpsc::Receiver<()>> {
     let (ask, asked) = mpsc::sync_channel(1);

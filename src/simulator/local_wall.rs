@@ -341,7 +341,7 @@ fn interrupts() -> MutexGuard<'static, InterruptWatch> {
     INTERRUPTS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Asks the work to end at the first Ctrl-C or SIGTERM, and ends this process at the second.
+/// Asks the work to end at the first request, and ends this process at the second.
 fn end_on_interrupt(end: &Arc<EndRequest>, folder: &Path) -> anyhow::Result<()> {
     let mut watch = interrupts();
     watch.work.retain(|(end, _)| end.strong_count() > 0);

@@ -151,7 +151,7 @@ class Client(SceneCalls, SessionCalls, QueryCalls, CameraCalls, DisplayCalls):
 
     def close(self) -> None:
         """Closes the connection for good. What is temporary of this client ends, and so does a call
-        that another thread waits for, with :class:`ConnectionLost`."""
+        that another thread waits for, with :class:`ConnectionLost`, or :class:`Closed`."""
         # Without the lock, which that call holds.
         self._is_closed = True
         for transport in list(self._transports):

@@ -261,7 +261,7 @@ impl Cluster {
                 self.refuse_waiting_edits(&reason);
             }
             if is_residency {
-                self.postpone_residency(now, &reason);
+                self.postpone_residency(now, is_overdue, &reason);
             }
             if is_tuning {
                 // They were made of the one that failed.
@@ -276,6 +276,7 @@ impl Cluster {
         self.shown_digest = digest;
         match change.purpose {
             ChangeOrigin::Scene { job, summary, outline, next_node, session } => {
+                self.residency.forget_failures();
                 self.editing.restart(self.shown.revision, outline);
                 self.editing.restore(self.shown.edits.clone(), next_node);
                 self.settle_scene(now, job, (summary, session), &failed);

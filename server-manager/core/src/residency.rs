@@ -39,13 +39,24 @@ pub(super) struct Residency {
     asked_at: Micros,
     /// No other part is asked for before.
     not_before: Micros,
-    /// Number of parts in a row that servers could not get ready, though no change waited for it.
+    /// Number of parts in a row that servers could not get ready in time, though no change waited
+    /// for it.
     #[serde(default)]
     failures: u32,
+    /// It was said that parts of this scene could not be shown.
+    #[serde(default)]
+    is_failure_told: bool,
     /// No frame of the part that is held has begun.
     is_new: bool,
     /// The first frame of the part that is held, while it is on its way.
     first_frame: Option<FrameId>,
+}
+
+impl Residency {
+    /// The next part has the time of a first one.
+    pub(super) fn forget_failures(&mut self) {
+        (self.failures, self.is_failure_told) = (0, false);
+    }
 }
 
 impl Cluster {
@@ -130,7 +141,7 @@ impl Cluster {
     /// The state that frames name has another part of the scene.
     pub(super) fn commit_residency(&mut self, now: Micros, failed: &[(SessionId, String)]) {
         self.residency.is_new = true;
-        self.residency.failures = 0;
+        self.residency.forget_failures();
         self.space_parts(now);
         self.demote_unprepared(now, failed);
         // A wall that is paused shows it too.
@@ -155,18 +166,19 @@ impl Cluster {
         PART_TIME_MAX.saturating_mul(factor).min(PREPARE_TIME_MAX)
     }
 
-    /// Servers could not get another part ready; they go on with the one that they have.
-    pub(super) fn postpone_residency(&mut self, now: Micros, reason: &str) {
+    /// Servers could not get another part ready, or not in time; they go on with the one that they
+    /// have.
+    pub(super) fn postpone_residency(&mut self, now: Micros, is_overdue: bool, reason: &str) {
         self.residency.not_before = now + RETRY_PERIOD;
         // One that others were waiting for had little time.
         if self.changes.waiting() > 0 {
             return;
         }
-        // Said once, however often it is tried again.
-        if self.residency.failures == 0 {
+        // However often it is tried again.
+        if !std::mem::replace(&mut self.residency.is_failure_told, true) {
             tracing::warn!(reason, "another part of the scene could not be shown");
         }
-        self.residency.failures = self.residency.failures.saturating_add(1);
+        self.residency.failures += u32::from(is_overdue);
     }
 
     /// Returns whether another part is on its way, or waits for its turn.

@@ -137,13 +137,15 @@ impl SceneLayout {
         first_items.push(items.len() as u32);
         lights.seal();
         let Sorter { batches, keys, template, outlines, styled, twins, .. } = sorter;
-        let (sky, mesh_boxes) = (desc.sky, draw_item::mesh_boxes(&desc));
         (desc.nodes, desc.lights) = (Vec::new(), Vec::new());
         Ok(Self {
             turning: turning_items(&items, &stances),
             bvh: Bvh::new(&bounds, is_cancelled).ok_or(SceneError::Cancelled)?,
             tree,
             textures: Slots::new(desc.textures.iter().map(texture_name)),
+            sky: desc.sky,
+            ground: desc.sky * GROUND,
+            mesh_boxes: draw_item::mesh_boxes(&desc),
             desc,
             geometries,
             first_primitive,
@@ -152,12 +154,9 @@ impl SceneLayout {
             by_batch: OnceLock::new(),
             stances,
             bounds,
-            mesh_boxes,
             batches,
             keys,
             lights,
-            sky,
-            ground: sky * GROUND,
             blends: template.linear,
             outlines,
             styled,

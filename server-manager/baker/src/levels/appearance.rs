@@ -56,7 +56,9 @@ impl VertexList {
         let mut points: Vec<SurfacePoint> = positions.map(point).collect();
         let surface_of = |index: u32| source.surface_of(vertices[index as usize]);
         let mut is_measured = vec![false; vertices.len()];
-        indices.iter().for_each(|index| is_measured[*index as usize] = true);
+        for index in indices {
+            is_measured[*index as usize] = true;
+        }
         let is_other = |index: u32| !is_measured[index as usize];
         let simplified = by_surface(simplified, surface_of);
         for (surface, own) in by_surface(indices, surface_of) {

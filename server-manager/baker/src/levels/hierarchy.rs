@@ -417,7 +417,9 @@ mod tests {
         part_hubs(&mut corners, &mut vertices);
         assert_eq!(of(&corners, &vertices), before);
         let mut counts = vec![0; vertices.len()];
-        corners.iter().for_each(|at| counts[*at as usize] += 1);
+        for at in corners {
+            counts[at as usize] += 1;
+        }
         assert!(counts.iter().all(|count| *count <= HUB_TRIANGLES));
         assert_eq!(vertices.len() as u32, count + 1 + 4, "five numbers for one vertex");
         let known = vertices.clone();
