@@ -25,8 +25,8 @@ const SNAP_CELL: f64 = 1e-7;
 
 impl WarpMap {
     /// The mesh of a channel whose pixels lie where this map says; `pixels` has its corner pins
-    /// and bends. Places between cells of a grid are unlit where one of these is. What a mesh has beside the
-    /// picture is cut off.
+    /// and bends. Places between cells of a grid are unlit where one of these is. What a mesh has
+    /// beside the picture is cut off.
     pub fn channel_mesh(
         &self,
         channel: &Channel,
