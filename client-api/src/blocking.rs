@@ -25,6 +25,7 @@ mod saved_scenes;
 mod scene_space;
 mod sessions;
 mod tours;
+mod tunings;
 mod variants;
 
 use std::pin::pin;

@@ -253,6 +253,7 @@ pub(crate) fn wrong_answer(request: &'static str, reply: &Response) -> ClientErr
         Response::SceneFiles(_) => "scene files",
         Response::Sessions(_) => "sessions",
         Response::Variants(_) => "variants",
+        Response::Tunings(_) => "tunings",
         Response::Exported(_) => "an exported scene",
     };
     ClientError::WrongAnswer { request, answer }

@@ -63,6 +63,7 @@ mod scene_file;
 mod scene_space;
 mod sessions;
 mod tours;
+mod tunings;
 mod variants;
 mod window;
 
@@ -117,6 +118,7 @@ pub use polyptych_protocol::screen_rest::{LitHours, RestRules, RestStatus};
 pub use polyptych_protocol::stored_view::StoredView;
 pub use polyptych_protocol::tour_status::TourStatus;
 pub use polyptych_protocol::transaction::{AssetNumbers, AssetSource, NewAssets, Transaction};
+pub use polyptych_protocol::tuned_channel::TunedChannel;
 pub use polyptych_protocol::variant::VariantList;
 pub use polyptych_protocol::walk_query::{
     Touched, WAY_POINTS_MAX, WalkEnd, WalkQuery, WalkedWay, Walker,

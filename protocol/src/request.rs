@@ -34,6 +34,7 @@ pub use crate::pacing::Pacing;
 use crate::pattern::TestPattern;
 use crate::progress::OpenProgress;
 use crate::quality_bounds::QualityBounds;
+pub use crate::request_error::RequestError;
 use crate::saved_scene::SavedScene;
 use crate::saved_session::{OpenedSession, SavedSession};
 use crate::scene_file_list::SceneFileList;
@@ -42,6 +43,7 @@ pub use crate::stopped_servers::StoppedServers;
 use crate::stored_view::StoredView;
 use crate::tour_status::TourStatus;
 use crate::transaction::Transaction;
+use crate::tuned_channel::TunedChannel;
 use crate::variant::VariantList;
 use crate::walk_query::{WalkQuery, WalkedWay};
 
@@ -266,6 +268,8 @@ pub enum Request {
     /// Places the camera, where given, and draws one frame as [`Request::RenderFrame`] does; with
     /// the scene time of the frame before if the wall is paused.
     Redraw(Option<Camera>),
+    /// Asks for the keys of channels that were tuned since the manager loaded the wall file.
+    ListTunings,
 }
 
 impl Request {
@@ -331,6 +335,7 @@ impl Request {
             Self::SetRest(_) => "set the rest of the displays",
             Self::Fly(_) => "fly the camera",
             Self::ReportDevices(_) => "report the devices",
+            Self::ListTunings => "list the tunings",
         }
     }
 }
@@ -422,6 +427,8 @@ pub enum Response {
     Sessions(Vec<SavedSession>),
     /// To [`Request::ListSceneFiles`].
     SceneFiles(SceneFileList),
+    /// To [`Request::ListTunings`]: the channels that were tuned.
+    Tunings(Vec<TunedChannel>),
 }
 
 impl Response {
@@ -443,7 +450,8 @@ impl Response {
             | Self::Clips(_)
             | Self::Variants(_)
             | Self::Sessions(_)
-            | Self::SceneFiles(_) => false,
+            | Self::SceneFiles(_)
+            | Self::Tunings(_) => false,
             Self::Done
             | Self::SceneOpened(_)
             | Self::SessionOpened(_)
@@ -453,22 +461,6 @@ impl Response {
             | Self::Edited(_)
             | Self::ServersStopped(_) => true,
         }
-    }
-}
-
-/// The reason why a request was not done; the wall is as it was before.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
-#[error("{reason}")]
-pub struct RequestError {
-    /// The failure, its place, and the fix.
-    #[serde(deserialize_with = "text_of_peer")]
-    pub reason: String,
-}
-
-impl RequestError {
-    /// A failure for this reason.
-    pub fn new(reason: impl Into<String>) -> Self {
-        Self { reason: reason.into() }
     }
 }
 

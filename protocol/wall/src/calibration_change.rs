@@ -4,6 +4,7 @@
 //! made. The result is checked like a wall file: a picture that is folded is refused.
 
 pub mod carry_over;
+pub mod keys;
 #[cfg(test)]
 mod tests;
 

@@ -5,6 +5,8 @@ use polyptych_protocol::feedback::{FrameFeedback, Tuned};
 use polyptych_protocol::ids::{FrameId, Revision};
 use polyptych_protocol::request::Response;
 use polyptych_protocol::state_log::{Operation, check_wall_size};
+use polyptych_protocol::tuned_channel::TunedChannel;
+use polyptych_wall::calibration_change::keys::differing_keys;
 use polyptych_wall::{ChannelCalibration, ChannelId, Wall, calibration_change};
 use serde::{Deserialize, Serialize};
 
@@ -40,6 +42,38 @@ impl CalibrationWaiters {
 
     pub fn forget(&mut self, client: SessionId) {
         self.0.retain(|(_, tuner)| tuner.job.client != client);
+    }
+}
+
+/// The keys of channels that were tuned in this life of the manager, or in one whose tunings it
+/// took over. `wall save` writes these and leaves hand edits of the rest alone.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct TunedChannels(Vec<TunedChannel>);
+
+impl TunedChannels {
+    /// Notes the keys in which two walls differ as tuned.
+    pub fn note(&mut self, from: &Wall, to: &Wall) {
+        for (before, now) in from.channels.iter().zip(&to.channels) {
+            let keys = differing_keys(&before.adjustment, &now.adjustment);
+            if keys.is_empty() {
+                continue;
+            }
+            let known = self.0.iter().position(|tuned| tuned.channel == now.name);
+            let at = known.unwrap_or_else(|| {
+                self.0.push(TunedChannel { channel: now.name.clone(), keys: Vec::new() });
+                self.0.len() - 1
+            });
+            for key in keys {
+                if self.0[at].keys.iter().all(|known| known != key) {
+                    self.0[at].keys.push(key.to_owned());
+                }
+            }
+        }
+    }
+
+    /// All, in the order in which they were tuned first.
+    pub fn list(&self) -> Vec<TunedChannel> {
+        self.0.clone()
     }
 }
 
@@ -142,6 +176,7 @@ impl Cluster {
         failed: &[(SessionId, String)],
     ) {
         let revision = self.shown.revision;
+        self.tuned.note(&self.wall, &wall);
         self.wall = wall;
         self.end_densities();
         self.tuners.0.extend(tuners.into_iter().map(|tuner| (revision, tuner)));

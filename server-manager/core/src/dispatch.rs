@@ -118,6 +118,7 @@ impl Cluster {
             Request::Pause => self.set_pace(None, now),
             Request::Status => return Ok(Some(Response::Status(Box::new(self.status(now))))),
             Request::DescribeWall => return Ok(Some(Response::Wall(Box::new(self.wall.clone())))),
+            Request::ListTunings => return Ok(Some(Response::Tunings(self.tuned.list()))),
             Request::Statistics { reset } => {
                 return Ok(Some(Response::Statistics(Box::new(self.statistics(reset)))));
             }

@@ -199,6 +199,9 @@ pub struct Cluster {
     file: Wall,
     /// The wall as it is tuned, in the state that frames name.
     wall: Wall,
+    /// The keys that were tuned, though some may have the file's value again.
+    #[serde(default)]
+    tuned: calibrate::TunedChannels,
     /// The state that frames name: live channels can draw it.
     shown: Replica,
     shown_digest: Digest,
@@ -285,6 +288,7 @@ impl Cluster {
             features: Vec::new(),
             notes: Vec::new(),
             changes: ChangeQueue::default(),
+            tuned: calibrate::TunedChannels::default(),
             tuners: calibrate::CalibrationWaiters::default(),
             editing: scene_editing::SceneEditing::default(),
             imports: Vec::new(),
@@ -478,10 +482,6 @@ impl Cluster {
     fn send_reply(&mut self, to: ClientRequest, reply: Result<Response, RequestError>) {
         let answer = MessageToClient::Reply { id: to.id, reply };
         self.outputs.push_back(Effect::Answer { to: to.client, answer });
-    }
-
-    fn close(&mut self, session: SessionId, reason: String) {
-        self.outputs.push_back(Effect::Close { session, reason });
     }
 }
 

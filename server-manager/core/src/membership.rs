@@ -12,7 +12,7 @@ use polyptych_wall::limits::NAME_BYTES_MAX;
 
 use super::registry::Answered;
 use super::supersede::Owed;
-use super::{ClientState, Cluster, Micros, SessionId};
+use super::{ClientState, Cluster, Effect, Micros, SessionId};
 
 /// Most features of a scene that are reported; there are ten.
 const FEATURES_MAX: usize = 64;
@@ -261,5 +261,10 @@ impl Cluster {
         let is_other = self.presentation.output_mode != OutputMode::Normal
             || self.presentation.pattern.is_some();
         !comes_soon && (self.is_going_on || has_shown || is_other)
+    }
+
+    /// Ends a connection, and tells the peer why.
+    pub(super) fn close(&mut self, session: SessionId, reason: String) {
+        self.outputs.push_back(Effect::Close { session, reason });
     }
 }

@@ -151,6 +151,7 @@ impl Cluster {
                 let revision = cluster.shown.revision;
                 cluster.shown.apply(Operation::SetWall(Box::new(wall.clone())));
                 cluster.shown.revision = revision;
+                cluster.tuned.note(&cluster.file, &wall);
                 cluster.wall = wall;
             }
             Err(reason) => tracing::warn!(reason, "the tunings in the state file were dropped"),

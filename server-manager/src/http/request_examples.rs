@@ -58,6 +58,7 @@ fn of_wall() -> Vec<Request> {
         Request::SetDisplays(OutputMode::Identify),
         Request::SetPattern(Some(TestPattern::Grid)),
         Request::Tune { channel: "front-1-1".into(), changes },
+        Request::ListTunings,
         Request::MarkPoint(Some(CalibrationMarker {
             channel: "front-1-1".into(),
             point: MarkedPoint::Corner(Corner::UpperLeft),

@@ -1,12 +1,13 @@
 //! `polyptych wall save`: what was tuned on the running wall goes back into its file, which keeps
-//! its comments and its layout.
+//! its comments, its layout and hand edits of what nobody tuned.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow, bail};
+use polyptych_client::calibration_change::keys::{copy_key, differing_keys};
 use polyptych_client::glam::{DMat3, DVec2, DVec3};
-use polyptych_client::{Wall, calibration_change};
+use polyptych_client::{TunedChannel, Wall, calibration_change};
 use polyptych_files::output_file;
 use polyptych_text::counted;
 use polyptych_wall::channel_calibration::ControlGrid;
@@ -26,7 +27,10 @@ pub(in crate::cli) struct Arguments {
 
 pub(in crate::cli) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     outputs::check_source(&arguments.file, true)?;
-    let running = arguments.manager.connect()?.wall()?;
+    let client = arguments.manager.connect()?;
+    // The list first: a key that is tuned between the two requests is saved the next time.
+    let tunings = client.tunings()?;
+    let running = client.wall()?;
     let name = arguments.file.display();
     // A link stays a link: what it leads to is written.
     let path = fs::canonicalize(&arguments.file)
@@ -34,22 +38,40 @@ pub(in crate::cli) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     // Size, coding and wall are looked at before anything is made of it.
     load_wall(&path)?;
     let before = fs::read_to_string(&path).with_context(|| format!("cannot read {name}"))?;
-    let (after, channels) = with_adjustments(&before, &path, &running)?;
-    if after == before {
+    let merged = with_adjustments(&before, &path, &running, &tunings)?;
+    if merged.text != before {
+        output_file::write_synced(&path, merged.text.as_bytes())
+            .with_context(|| format!("cannot write {name}"))?;
+        let channels = merged.channels.join(", ");
+        say(format_args!("{name}: wrote the adjustment of {channels}"))?;
+    } else if merged.kept.is_empty() {
         return say(format_args!("{name} says already what the wall is"));
+    } else {
+        say(format_args!("{name} says already what was tuned"))?;
     }
-    output_file::write_synced(&path, after.as_bytes())
-        .with_context(|| format!("cannot write {name}"))?;
-    say(format_args!("{name}: wrote the adjustment of {}", channels.join(", ")))
+    merged.changes.iter().chain(&merged.kept).try_for_each(say)
 }
 
-/// The text of a wall file with the adjustments of the running wall, and the names of channels
-/// whose adjustment it did not have.
+/// A wall file with the tunings of the running wall.
+#[derive(Default)]
+struct Merged {
+    text: String,
+    /// The names of channels whose adjustment is written.
+    channels: Vec<String>,
+    /// A line for each key that is written, with the file's value before: it may be a hand edit.
+    changes: Vec<String>,
+    /// A line for each key in which the file differs from the wall though nobody tuned it.
+    kept: Vec<String>,
+}
+
+/// Merges the keys that were tuned on the running wall into the text of a wall file. All others are
+/// the file's, which may have been edited since the manager loaded it.
 fn with_adjustments(
     text: &str,
     path: &Path,
     running: &Wall,
-) -> anyhow::Result<(String, Vec<String>)> {
+    tunings: &[TunedChannel],
+) -> anyhow::Result<Merged> {
     let parse =
         |text: &str| polyptych_wall_file::parse(text, path).map_err(|error| anyhow!("{error}"));
     let described = parse(text)?;
@@ -57,22 +79,64 @@ fn with_adjustments(
         bail!("{} describes another wall than the one that runs: {difference}", path.display());
     }
     let mut document: DocumentMut = text.parse()?;
-    let mut names = Vec::new();
+    let mut merged = Merged::default();
+    let mut meant = Vec::new();
     for (before, now) in described.channels.iter().zip(&running.channels) {
-        if before.adjustment != now.adjustment {
-            let table = table_of(&mut document, &now.name)
-                .with_context(|| format!("{}: channel.{} is no table", path.display(), now.name))?;
-            adjust(table, &before.adjustment, &now.adjustment);
-            names.push(now.name.clone());
+        let name = &now.name;
+        let tuned = tunings.iter().find(|tuned| tuned.channel == *name);
+        let is_tuned =
+            |key: &str| tuned.is_some_and(|tuned| tuned.keys.iter().any(|tuned| tuned == key));
+        let mut adjustment = before.adjustment.clone();
+        for key in differing_keys(&before.adjustment, &now.adjustment) {
+            let [old, new] = [&before.adjustment, &now.adjustment].map(|of| value_words(key, of));
+            if is_tuned(key) {
+                copy_key(key, &now.adjustment, &mut adjustment);
+                merged.changes.push(format!("{name}: {key} was {old} in the file, is {new} now"));
+            } else {
+                merged.kept.push(format!(
+                    "{name}: {key} stays {old} in the file; it is {new} on the wall, where nobody \
+                     tuned it"
+                ));
+            }
         }
+        if adjustment != before.adjustment {
+            let table = table_of(&mut document, name)
+                .with_context(|| format!("{}: channel.{name} is no table", path.display()))?;
+            adjust(table, &before.adjustment, &adjustment);
+            merged.channels.push(name.clone());
+        }
+        meant.push(adjustment);
     }
-    let text = document.to_string();
-    let written = parse(&text).context("what is tuned cannot be said in a wall file")?;
-    let is_same = |(a, b): (&Channel, &Channel)| a.adjustment == b.adjustment;
-    if !written.channels.iter().zip(&running.channels).all(is_same) {
+    merged.text = document.to_string();
+    let written = parse(&merged.text).context("what is tuned cannot be said in a wall file")?;
+    if written.channels.iter().map(|channel| &channel.adjustment).ne(&meant) {
         bail!("what is tuned cannot be said in {}; nothing was written", path.display());
     }
-    Ok((text, names))
+    Ok(merged)
+}
+
+/// The value of a key for people.
+fn value_words(key: &str, of: &ChannelCalibration) -> String {
+    let width = |width: Option<f64>| width.map_or_else(|| "auto".to_owned(), |px| px.to_string());
+    match key {
+        "pin" => Value::from(of.pin.into_iter().map(pair).collect::<Array>()).to_string(),
+        "bend" => match &of.bend {
+            Some(bend) => format!("a grid of {}x{}", bend.points.x, bend.points.y),
+            None => "off".to_owned(),
+        },
+        "edge.left" => width(of.edges.left),
+        "edge.right" => width(of.edges.right),
+        "edge.top" => width(of.edges.top),
+        "edge.bottom" => width(of.edges.bottom),
+        "gain" => light(of.color.gain).to_string(),
+        "matrix" => matrix(of.color.matrix).to_string(),
+        "leak" => of.color.leak.map_or_else(|| "auto".to_owned(), |of| light(of).to_string()),
+        _ => match &of.color.curve {
+            TransferFunction::Srgb => "srgb".to_owned(),
+            TransferFunction::Gamma(gamma) => light(*gamma).to_string(),
+            TransferFunction::Measured(_) => "a curve".to_owned(),
+        },
+    }
 }
 
 /// In what two walls differ beside what can be tuned.

@@ -43,6 +43,7 @@ use polyptych_protocol::server_message::{
 use polyptych_protocol::state_log::{Operation, SceneRef};
 use polyptych_protocol::stored_view::StoredView;
 use polyptych_protocol::tour_status::TourStatus;
+use polyptych_protocol::tuned_channel::TunedChannel;
 use polyptych_scene::residency::SeenFrom;
 use polyptych_scene::{Attribute, Bounds, ClipTime, NodeId, Scene, SceneFeatures, SceneSubset};
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Edge, Offset};
@@ -323,6 +324,7 @@ fn calls() -> Vec<RequestMessage> {
         Request::ChangeClips(ClipChange { clip: Some("walk".into()), action: clip_action() }),
         Request::ListClips,
         Request::ListVariants,
+        Request::ListTunings,
         Request::RemoveSavedScene { name: "evening".into() },
         Request::MarkPoint(Some(marker())),
         Request::ListSceneFiles,
@@ -482,6 +484,10 @@ fn answers() -> Vec<request::MessageToClient> {
         })),
         Ok(Response::Exported(exported())),
         Ok(Response::Tuned(Tuned { revision: Revision(3), frames: 1, feedback: feedback() })),
+        Ok(Response::Tunings(vec![TunedChannel {
+            channel: "a-1-1".into(),
+            keys: vec!["pin".into()],
+        }])),
         Ok(Response::ServersStopped(request::StoppedServers {
             ended: vec!["left".into()],
             silent: vec![("right".into(), "it said nothing".into())],

@@ -4,6 +4,7 @@
 //! file's. A tuned key stays unless the new file sets that key otherwise, or what it was measured
 //! in has changed.
 
+use super::keys::{KEYS, Key, differing_keys};
 use super::{differs_only_by_calibration, reapply};
 use crate::{Channel, ChannelCalibration, Wall};
 
@@ -111,67 +112,13 @@ fn merged(
     (merged, lost)
 }
 
-/// A key that can be tuned.
-struct Key {
-    name: &'static str,
-    /// Measured in pixels of the upright picture, so a change of that picture makes it invalid.
-    is_in_pixels: bool,
-    is_same: fn(&ChannelCalibration, &ChannelCalibration) -> bool,
-    copy: fn(&ChannelCalibration, &mut ChannelCalibration),
-}
-
-const KEYS: &[Key] = &[
-    Key {
-        name: "pin",
-        is_in_pixels: true,
-        is_same: |a, b| a.pin == b.pin,
-        copy: |from, to| to.pin = from.pin,
-    },
-    Key {
-        name: "bend",
-        is_in_pixels: true,
-        is_same: |a, b| a.bend == b.bend,
-        copy: |from, to| to.bend.clone_from(&from.bend),
-    },
-    Key {
-        name: "edge",
-        is_in_pixels: true,
-        is_same: |a, b| a.edges == b.edges,
-        copy: |from, to| to.edges = from.edges,
-    },
-    Key {
-        name: "gain",
-        is_in_pixels: false,
-        is_same: |a, b| a.color.gain == b.color.gain,
-        copy: |from, to| to.color.gain = from.color.gain,
-    },
-    Key {
-        name: "matrix",
-        is_in_pixels: false,
-        is_same: |a, b| a.color.matrix == b.color.matrix,
-        copy: |from, to| to.color.matrix = from.color.matrix,
-    },
-    Key {
-        name: "leak",
-        is_in_pixels: false,
-        is_same: |a, b| a.color.leak == b.color.leak,
-        copy: |from, to| to.color.leak = from.color.leak,
-    },
-    Key {
-        name: "gamma",
-        is_in_pixels: false,
-        is_same: |a, b| a.color.curve == b.color.curve,
-        copy: |from, to| to.color.curve.clone_from(&from.color.curve),
-    },
-];
-
 /// Returns the names of the keys that were tuned; of a channel that the old wall does not have, of
 /// those that are not the default.
 fn tuned_keys(old: &Wall, name: &str, tuned: &ChannelCalibration) -> Vec<&'static str> {
     let before = old.channel_by_name(name);
     let before =
         before.map_or_else(ChannelCalibration::default, |(_, channel)| channel.adjustment.clone());
-    KEYS.iter().filter(|key| !(key.is_same)(tuned, &before)).map(|key| key.name).collect()
+    differing_keys(tuned, &before)
 }
 
 /// Returns why pixels of a channel's upright picture mean something else than before, if they do.

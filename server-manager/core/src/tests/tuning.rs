@@ -3,6 +3,7 @@
 use glam::DVec2;
 use polyptych_protocol::feedback::Tuned;
 use polyptych_protocol::pattern::TestPattern;
+use polyptych_protocol::tuned_channel::TunedChannel;
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Offset};
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::{Area, View};
@@ -328,6 +329,31 @@ fn a_restarted_manager_has_the_tuned_wall() {
     );
     assert_eq!(again.shown_digest, again.shown.digest());
     assert_eq!(again.persistent_state(), memory, "and the next one too");
+}
+
+#[test]
+fn keys_that_were_tuned_are_listed_though_they_were_tuned_back() {
+    let mut stage = ClusterFixture::new(2);
+    let listed = |stage: &mut ClusterFixture| {
+        let id = stage.request(Request::ListTunings);
+        let found = stage.replies.iter().find(|(of, _)| *of == id);
+        let Some((_, Ok(Response::Tunings(tunings)))) = found else { panic!("{found:?}") };
+        tunings.clone()
+    };
+    assert_eq!(listed(&mut stage), []);
+    for change in [pin(2.5), CalibrationChange::Gain(DVec3::splat(0.5)), pin(0.0)] {
+        stage.tune(change);
+        stage.prepare_all();
+        stage.draw(&[0, 1], 1_000);
+    }
+    let tuned = |keys: &[&str]| {
+        let keys = keys.iter().map(|key| (*key).to_owned()).collect();
+        TunedChannel { channel: "c1".into(), keys }
+    };
+    assert_eq!(listed(&mut stage), [tuned(&["pin", "gain"])]);
+    let memory = stage.memories.pop().expect("remembered");
+    let again = Cluster::restore(wall(2), Epoch(8), &memory);
+    assert_eq!(again.tuned.list(), [tuned(&["gain"])], "the rest is as in the wall file");
 }
 
 #[test]

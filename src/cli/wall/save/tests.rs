@@ -36,6 +36,19 @@ fn wall(text: &str) -> Wall {
     polyptych_wall_file::parse(text, path()).unwrap_or_else(|error| panic!("{error}\n{text}"))
 }
 
+fn tuned(channel: &str, keys: &[&str]) -> TunedChannel {
+    let keys = keys.iter().map(|key| (*key).to_owned()).collect();
+    TunedChannel { channel: channel.to_owned(), keys }
+}
+
+/// The text with all of the running wall's adjustments, and the channels that did not have them.
+fn saved(text: &str, running: &Wall) -> anyhow::Result<(String, Vec<String>)> {
+    let keys = ["pin", "bend", "edge.left", "edge.right", "gain", "matrix", "leak", "gamma"];
+    let tunings: Vec<_> = running.channels.iter().map(|of| tuned(&of.name, &keys)).collect();
+    let merged = with_adjustments(text, path(), running, &tunings)?;
+    Ok((merged.text, merged.channels))
+}
+
 #[test]
 fn what_is_tuned_is_written_and_comments_stay() {
     let changes = [
@@ -55,7 +68,7 @@ fn what_is_tuned_is_written_and_comments_stay() {
         ])),
     ];
     let running = apply_changes(&running, "front-2-1", &changes).expect("tuned");
-    let (text, names) = with_adjustments(TEXT, path(), &running).expect("written");
+    let (text, names) = saved(TEXT, &running).expect("written");
     assert_eq!(names, ["front-1-1", "front-2-1"]);
     let expected = TEXT
         .replace("[1.0, 0.5, 1.0]   #", "[1.0, 0.9, 1.0]   #")
@@ -65,7 +78,7 @@ fn what_is_tuned_is_written_and_comments_stay() {
         assert!(text.contains(comment), "{comment:?} is lost:\n{text}");
     }
     assert_eq!(wall(&text).channels, running.channels);
-    let (again, names) = with_adjustments(&text, path(), &running).expect("written");
+    let (again, names) = saved(&text, &running).expect("written");
     assert_eq!((again, names.len()), (text, 0), "nothing is left to write");
 }
 
@@ -79,12 +92,43 @@ fn what_is_tuned_back_is_taken_out() {
     ];
     let running = apply_changes(&plain, "front-2-1", &changes).expect("tuned");
     let before = TEXT.replace("gain = [1.0, 0.5, 1.0]   # measured on Monday\n", "");
-    let (text, _) = with_adjustments(&before, path(), &running).expect("written");
+    let (text, _) = saved(&before, &running).expect("written");
     let back = [CalibrationChange::Grid(None), CalibrationChange::Gamma(None)];
     let running = apply_changes(&running, "front-2-1", &back).expect("tuned");
-    let (text, _) = with_adjustments(&text, path(), &running).expect("written");
+    let (text, _) = saved(&text, &running).expect("written");
     assert!(!text.contains("bend") && !text.contains("gamma"), "{text}");
     assert_eq!(wall(&text).channels, running.channels);
+}
+
+#[test]
+fn hand_edits_of_what_nobody_tuned_stay() {
+    let loaded = wall(TEXT);
+    let changes = [CalibrationChange::Edge { side: Edge::Right, width: Some(120.5) }];
+    let running = apply_changes(&loaded, "front-1-1", &changes).expect("tuned");
+    let edited = TEXT.replace("gain = [1.0, 0.5, 1.0]", "gain = [1.0, 0.7, 1.0]");
+    let edited = edited.replace("left = 4.0, right = 60.0", "left = 6.0, right = 60.0");
+    let edited = format!("{edited}[channel.front-2-1]\ngamma = 2.4\n");
+    let tunings = [tuned("front-1-1", &["edge.right"])];
+    let merged = with_adjustments(&edited, path(), &running, &tunings).expect("written");
+    assert_eq!(merged.text, edited.replace("right = 60.0", "right = 120.5"));
+    assert_eq!(merged.channels, ["front-1-1"]);
+    assert_eq!(merged.changes, ["front-1-1: edge.right was 60 in the file, is 120.5 now"]);
+    let kept: Vec<_> =
+        merged.kept.iter().filter_map(|line| line.split_once(" in the file; it is ")).collect();
+    let rest = |value: &str| format!("{value} on the wall, where nobody tuned it");
+    let (left, gain, gamma) = (rest("4"), rest("[1.0, 0.5, 1.0]"), rest("srgb"));
+    assert_eq!(
+        kept,
+        [
+            ("front-1-1: edge.left stays 6", left.as_str()),
+            ("front-1-1: gain stays [1.0, 0.7, 1.0]", gain.as_str()),
+            ("front-2-1: gamma stays 2.4", gamma.as_str()),
+        ]
+    );
+    // Tuned, saved, and tuned back: the wall is as it was loaded, and the file is not.
+    let tunings = [tuned("front-1-1", &["gain"])];
+    let merged = with_adjustments(&edited, path(), &loaded, &tunings).expect("written");
+    assert_eq!(merged.text, edited.replace("[1.0, 0.7, 1.0]", "[1.0, 0.5, 1.0]"));
 }
 
 #[test]
@@ -95,7 +139,7 @@ fn a_file_of_another_wall_is_left_alone() {
         (TEXT.replace("[3.2, 0.9]", "[3.2, 0.91]"), "its screens are others"),
         (TEXT.replace("[channel.front-1-1]", "[channel.front-1-1]\nmirror = true"), "front-1-1"),
     ] {
-        let refused = with_adjustments(&text, path(), &running).expect_err("refused").to_string();
+        let refused = saved(&text, &running).expect_err("refused").to_string();
         assert!(refused.contains("another wall than the one that runs"), "{refused}");
         assert!(refused.contains(said), "{refused}");
     }
