@@ -1,4 +1,4 @@
-//! Checks that the channels of a screen cover it, for each eye: holes, hidden parts, hard edges.
+//! Checks that the channels of a screen cover it, for each eye: holes and hidden parts.
 
 use glam::UVec2;
 use polyptych_text::counted;
@@ -7,8 +7,7 @@ use polyptych_wall::{ChannelKind, Eye, Screen};
 use super::document::ScreenSection;
 use super::error::WallFileError;
 use super::screen::{ChannelDraft, PlacedSection};
-use super::source::quoted;
-use crate::coverage::{Footprint, eyes, is_plain_tile, is_seen_by};
+use crate::coverage::{eyes, is_plain_tile, is_seen_by};
 use crate::tiling::{self, Rect};
 
 /// Most hidden rectangles of one screen: more than a grid of 1,024 tiles has gaps.
@@ -30,7 +29,6 @@ impl PlacedSection<'_> {
         for eye in eyes(on_screen.iter().map(|draft| &draft.channel)) {
             let seen: Vec<&ChannelDraft> =
                 on_screen.iter().copied().filter(|d| is_seen_by(&d.channel, *eye)).collect();
-            self.check_edges(screen, &seen)?;
             let shown: Vec<Rect> = seen.iter().map(|draft| draft.rect()).collect();
             let is_tiled = seen.iter().all(|draft| is_plain_tile(&draft.channel))
                 && tiling::overlap(&shown).is_none();
@@ -83,32 +81,6 @@ impl PlacedSection<'_> {
         let remedy = "add the channel that is missing, or [[screen.hidden]] for a bezel";
         let key = if self.section.tiles.is_some() { "tiles" } else { "channel" };
         Err(self.error(key, what, remedy))
-    }
-
-    /// Refuses ramps without width where another channel is.
-    fn check_edges(&self, screen: &Screen, seen: &[&ChannelDraft]) -> Result<(), WallFileError> {
-        let has_hard = |draft: &&&ChannelDraft| {
-            let edges = draft.channel.adjustment.edges;
-            [edges.left, edges.right, edges.top, edges.bottom].contains(&Some(0.0))
-        };
-        for draft in seen.iter().filter(has_hard) {
-            let own = Footprint::new(&draft.channel, screen);
-            let name = &draft.channel.name;
-            let others = seen.iter().filter(|other| other.channel.name != *name);
-            let mut met = others.filter_map(|other| {
-                Some((other, own.hard_edge(&Footprint::new(&other.channel, screen))?))
-            });
-            if let Some((other, side)) = met.next() {
-                let what = format!(
-                    "the ramp has no width, though channel {:?} is there too",
-                    other.channel.name
-                );
-                let remedy = "write its width in pixels, or leave it out for the whole overlap";
-                let key = format!("channel.{}.edges.{side}", quoted(name));
-                return Err(self.source.error(key, what, remedy));
-            }
-        }
-        Ok(())
     }
 
     /// Returns the parts that channels need not show: what the file hides, and the gaps between the

@@ -30,8 +30,6 @@ type Case = (&'static str, [&'static str; 2], &'static [&'static str]);
 /// The end of the wall, after which tables of channels may stand.
 const LAST: &str = "origin = [100, 0]\npixels = [100, 100]\n";
 
-const HARD_EDGE: &str = "origin = [90, 0]\npixels = [110, 100]\n[channel.right]\nedges.left = 0\n";
-
 const NO_GAMMA: &str = "origin = [100, 0]\npixels = [100, 100]\n[channel.right]\ngamma = 0\n";
 
 const MISSPELT: &str = "origin = [100, 0]\npixels = [100, 100]\n[channel.rihgt]\n";
@@ -46,11 +44,6 @@ const CASES: &[Case] = &[
     ("unknown key", ["size = ", "sice = "], &["wall.toml:7:1", "screen[0].sice", "size"]),
     ("wrong type", ["pixels = [200, 100]", "pixels = \"many\""], &[":9:", "screen[0].pixels"]),
     ("no TOML", ["name = \"good\"", "name = good"], &["wall.toml:2:"]),
-    (
-        "blend without width",
-        [LAST, HARD_EDGE],
-        &["wall.toml:21:7", "channel.right.edges.left", "no width", "left"],
-    ),
     ("gamma", [LAST, NO_GAMMA], &["gamma", ":21:"]),
     ("no channel", [LAST, MISSPELT], &["rihgt", "\"right\"?"]),
     ("folded pins", [LAST, FOLDED], &["channel.right.pin", "fold", ":21:"]),

@@ -132,6 +132,16 @@ fn hand_edits_of_what_nobody_tuned_stay() {
 }
 
 #[test]
+fn an_edge_without_a_ramp_is_written() {
+    let text = TEXT.replace("columns = 2\n", "columns = 2\noverlap = [96, 0]\n");
+    let changes = [CalibrationChange::Edge { side: Edge::Right, width: Some(0.0) }];
+    let running = apply_changes(&wall(&text), "front-1-1", &changes).expect("tuned");
+    let (written, _) = saved(&text, &running).expect("written");
+    assert_eq!(written, text.replace("right = 60.0", "right = 0.0"));
+    assert_eq!(wall(&written).channels, running.channels);
+}
+
+#[test]
 fn a_file_of_another_wall_is_left_alone() {
     let running = wall(TEXT);
     for (text, said) in [
