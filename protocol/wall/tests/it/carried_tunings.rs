@@ -75,6 +75,19 @@ fn an_edited_key_drops_its_own_tuning_and_no_other() {
 }
 
 #[test]
+fn an_edited_edge_leaves_the_tuning_of_another() {
+    let old = parsed(WALL);
+    let mut tuned = old.channels[0].adjustment.clone();
+    (tuned.edges.left, tuned.edges.right) = (Some(7.0), Some(8.0));
+    let new = parsed(&format!("{WALL}\n[channel.left]\nedges.left = 5"));
+    let carried = carried_over(&old, &[("left".to_owned(), tuned)], &new);
+    let [lost] = &carried.dropped[..] else { panic!("{:?}", carried.dropped) };
+    assert_eq!((lost.channel.as_str(), lost.keys.as_str()), ("left", "edge.left"));
+    let edges = carried.tunings[0].1.edges;
+    assert_eq!((edges.left, edges.right), (Some(5.0), Some(8.0)));
+}
+
+#[test]
 fn a_tuning_that_was_saved_into_the_file_is_no_tuning_any_more() {
     let new = reapply(&parsed(WALL), &tunings(&parsed(WALL))).expect("valid");
     assert_eq!(after(&new), CarriedOver::default());
