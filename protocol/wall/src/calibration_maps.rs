@@ -134,7 +134,7 @@ mod tests {
     use super::*;
 
     fn warp() -> CalibrationMap {
-        let grid = WarpGrid { size: UVec2::ONE, values: vec![Vec3::ZERO] };
+        let grid = WarpGrid::new(UVec2::ONE, vec![Vec3::ZERO]);
         CalibrationMap::Warp(WarpMap {
             space: MapCoordinates::Canvas,
             shape: WarpGeometry::Grid(grid),

@@ -169,7 +169,7 @@ mod tests {
             let (sin, cos) = ((place.x - 0.5) * std::f64::consts::PI).sin_cos();
             DVec3::new(sin * 2.0, 1.0 - place.y * 2.0, -cos * 2.0).as_vec3()
         };
-        WarpGrid { size, values: (0..size.x * size.y).map(value).collect() }
+        WarpGrid::new(size, (0..size.x * size.y).map(value).collect())
     }
 
     /// Returns the arch with its cells as triangles.

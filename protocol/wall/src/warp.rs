@@ -16,9 +16,11 @@
 //! the scene lies in the world plays no part: the eye is subtracted in display space.
 
 mod light;
+mod lit_blocks;
 mod sample;
 
 use glam::{UVec2, Vec2, Vec3};
+use lit_blocks::LitBlocks;
 
 use super::blend::MaskTexels;
 use crate::limits::CHANNEL_SIDE_MAX;
@@ -83,8 +85,10 @@ pub enum WarpGeometry {
 pub struct WarpGrid {
     /// Cells across and down; not necessarily as many as the channel has pixels.
     pub size: UVec2,
-    /// Rows from the top; all three components NaN where unlit.
+    /// Rows from the top; all three components NaN where unlit. Where they are lit was noted when
+    /// the grid was made: another grid is made for other values.
     pub values: Vec<Vec3>,
+    lit: LitBlocks,
 }
 
 /// Values at the vertices of triangles; unlit where none lies.
@@ -117,6 +121,14 @@ pub struct Mask {
     pub components: u8,
     /// Linear light, 65,535 is all; rows from the top, components of a pixel together.
     pub texels: Vec<u16>,
+}
+
+impl WarpGrid {
+    /// The grid of this size with these values, rows from the top.
+    pub fn new(size: UVec2, values: Vec<Vec3>) -> Self {
+        let lit = LitBlocks::new(size, &values);
+        Self { size, values, lit }
+    }
 }
 
 impl CalibrationMap {
@@ -188,7 +200,7 @@ impl CalibrationMap {
             };
             let shape = if kind == 1 {
                 let values = body.chunks_exact(12).map(|cell| Vec3::from_array(floats(cell)));
-                WarpGeometry::Grid(WarpGrid { size: UVec2::new(a, b), values: values.collect() })
+                WarpGeometry::Grid(WarpGrid::new(UVec2::new(a, b), values.collect()))
             } else {
                 WarpGeometry::Mesh(decode_mesh(body, a as usize * 24))
             };

@@ -42,7 +42,7 @@ fn with_files(
 fn grid(size: UVec2, value: impl Fn(DVec2) -> Option<DVec3>) -> WarpGeometry {
     let place = |i: u32| UVec2::new(i % size.x, i / size.x).as_dvec2() + 0.5;
     let value = |i| value(place(i) / size.as_dvec2()).map_or(Vec3::NAN, DVec3::as_vec3);
-    WarpGeometry::Grid(WarpGrid { size, values: (0..size.x * size.y).map(value).collect() })
+    WarpGeometry::Grid(WarpGrid::new(size, (0..size.x * size.y).map(value).collect()))
 }
 
 /// Returns the wall as if a program had measured it: a map for each channel, with as many points as

@@ -153,13 +153,7 @@ impl WarpGrid {
         // Beyond the outermost centres the two next to them count.
         let first = (low * scale - 0.5).floor().min(last - 1.0).max(DVec2::ZERO);
         let end = (high * scale - 0.5).ceil().max(first + 1.0).min(last);
-        let (first, end) = (first.as_uvec2(), end.as_uvec2());
-        let row = |y: u32| {
-            let from = y as usize * self.size.x as usize;
-            &self.values[from + first.x as usize..=from + end.x as usize]
-        };
-        let is_dark = row(first.y)[0].is_nan();
-        (first.y..=end.y).any(|y| row(y).iter().any(|value| value.is_nan() != is_dark))
+        self.has_both(first.as_uvec2(), end.as_uvec2())
     }
 }
 
@@ -198,7 +192,7 @@ mod tests {
     fn grid(size: UVec2, value: impl Fn(Vec2) -> Vec3) -> WarpGeometry {
         let place = |i: u32| Vec2::new((i % size.x) as f32 + 0.5, (i / size.x) as f32 + 0.5);
         let values = (0..size.x * size.y).map(|i| value(place(i) / size.as_vec2())).collect();
-        WarpGeometry::Grid(WarpGrid { size, values })
+        WarpGeometry::Grid(WarpGrid::new(size, values))
     }
 
     /// The whole canvas by u and v is the screen itself, to its corners, of any grid.

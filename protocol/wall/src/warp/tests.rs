@@ -1,6 +1,7 @@
 //! Maps through their blobs: whole, damaged, and with what must not be.
 
 mod cut;
+mod lit;
 
 use proptest::prelude::*;
 
@@ -9,7 +10,7 @@ use super::*;
 fn grid() -> CalibrationMap {
     let unlit = Vec3::splat(f32::NAN);
     let values = vec![Vec3::new(-1.5, 0.25, -3.0), unlit, Vec3::X, unlit, Vec3::Y, Vec3::Z];
-    let grid = WarpGrid { size: UVec2::new(3, 2), values };
+    let grid = WarpGrid::new(UVec2::new(3, 2), values);
     CalibrationMap::Warp(WarpMap {
         space: MapCoordinates::Display,
         shape: WarpGeometry::Grid(grid),

@@ -257,7 +257,7 @@ fn files_of_places_have_the_picture_where_they_say() {
     };
     let cell = |i: u32| Vec2::new((i % 48) as f32 + 0.5, (i / 48) as f32 + 0.5);
     let values = (0..48 * 27).map(|i| askew(cell(i) / Vec2::new(48.0, 27.0)).extend(0.0));
-    let grid = WarpGeometry::Grid(WarpGrid { size: UVec2::new(48, 27), values: values.collect() });
+    let grid = WarpGeometry::Grid(WarpGrid::new(UVec2::new(48, 27), values.collect()));
     let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(x, y)| Vec2::new(x, y));
     let vertex = |place: Vec2| {
         let value = askew(place).extend(0.0);

@@ -157,7 +157,7 @@ impl Pfm {
             let what = "every pixel is NaN or infinite, so that nothing is lit";
             return Err(BakeError::at("pixels", what, "finite values where there is light"));
         }
-        let grid = WarpGrid { size: self.size, values };
+        let grid = WarpGrid::new(self.size, values);
         Ok(WarpMap { space, shape: WarpGeometry::Grid(grid) })
     }
 }

@@ -32,6 +32,6 @@ pub(super) fn read(bytes: &[u8]) -> Result<WarpMap, BakeError> {
         let which = if picture.components == 4 { "alpha" } else { "blue" };
         return Err(bad(format!("every pixel is unlit: {which} is 0 everywhere")));
     }
-    let grid = WarpGrid { size: picture.size, values };
+    let grid = WarpGrid::new(picture.size, values);
     Ok(WarpMap { space: MapCoordinates::Canvas, shape: WarpGeometry::Grid(grid) })
 }

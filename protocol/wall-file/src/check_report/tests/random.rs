@@ -74,7 +74,7 @@ fn calibration(kind: CalibrationFileKind, seed: u32) -> CalibrationMap {
                 lit if lit > -0.8 => value(place(i), i),
                 _ => Vec3::NAN,
             };
-            let grid = WarpGrid { size, values: (0..count).map(cell).collect() };
+            let grid = WarpGrid::new(size, (0..count).map(cell).collect());
             CalibrationMap::Warp(WarpMap { space, shape: WarpGeometry::Grid(grid) })
         }
         _ => {
