@@ -179,6 +179,23 @@ impl<'a> ChannelMapping<'a> {
         WarpMesh::with_borders(self.channel.size, rule, point, is_mixed)
     }
 
+    /// Returns the least and the largest corner of a part of the canvas, in its pixels, around all
+    /// that a tile shows; `None` for other channels, and for pins so steep that there is no end.
+    pub fn canvas_bounds(&self) -> Option<[DVec2; 2]> {
+        if self.channel.cover != ChannelKind::Tile {
+            return None;
+        }
+        let [low, high] = self.unbent_bounds();
+        let back = self.pin.map_or(DMat3::IDENTITY, |(_, back)| back);
+        let (mut least, mut most) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        for corner in [low, DVec2::new(high.x, low.y), DVec2::new(low.x, high.y), high] {
+            let canvas = self.channel.origin.as_dvec2() + project(back, corner)?;
+            (least, most) = (least.min(canvas), most.max(canvas));
+        }
+        // Places between pixels are rounded by less than that.
+        Some([least - 1.0, most + 1.0])
+    }
+
     fn is_thrown(&self) -> bool {
         matches!(self.channel.cover, ChannelKind::Projector(_))
     }
@@ -253,12 +270,17 @@ impl<'a> ChannelMapping<'a> {
         self.pin.map_or(Some(unbent), |(_, back)| project(back, unbent))
     }
 
+    /// Returns the least and the largest corner around all places that a bend moves into the
+    /// picture, in pixels.
+    fn unbent_bounds(&self) -> [DVec2; 2] {
+        let margin = self.channel.adjustment.bend.as_ref().map_or(0.0, ControlGrid::reach);
+        [DVec2::splat(-margin), self.channel.size.as_dvec2() + margin]
+    }
+
     /// Lines around all places, before pins and bends, that are moved into the picture: for them
     /// no `line.dot((x, y, 1))` is negative. A bend leaves a margin.
     pub(crate) fn lines_around_picture(&self) -> [DVec3; 4] {
-        let size = self.channel.size.as_dvec2();
-        let margin = self.channel.adjustment.bend.as_ref().map_or(0.0, ControlGrid::reach);
-        let (low, high) = (DVec2::splat(-margin), size + margin);
+        let [low, high] = self.unbent_bounds();
         // In homogeneous coordinates, so that what lies behind the horizon of pins is cut off too:
         // J. Blinn, M. Newell, *Clipping using homogeneous coordinates*, 1978.
         let rows = self.pin.map_or(DMat3::IDENTITY, |(forth, _)| forth).transpose();

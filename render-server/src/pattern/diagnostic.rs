@@ -105,7 +105,16 @@ pub(super) fn overlap(
     let Some(own) = wall.channel(id) else { return RgbaImage::default() };
     let blend = BlendModel::new(shaped);
     let others = wall.channel_ids().zip(&wall.channels);
-    let others = others.filter(|(other, channel)| *other != id && channel.screen == own.screen);
+    let bounds = |id| shaped.channel_mapping(id).and_then(|map| map.canvas_bounds());
+    let own_bounds = bounds(id);
+    // Of many tiles only a few lie over this one.
+    let is_beside = |other: ChannelId| match (own_bounds, bounds(other)) {
+        (Some([a, b]), Some([c, d])) => b.cmplt(c).any() || d.cmplt(a).any(),
+        _ => false,
+    };
+    let others = others.filter(|(other, channel)| {
+        *other != id && channel.screen == own.screen && !is_beside(*other)
+    });
     let neighbours: Vec<_> = others
         .filter_map(|(other, channel)| {
             let ([left, right], of) = (seen_by(channel), seen_by(own));

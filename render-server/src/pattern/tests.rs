@@ -233,6 +233,49 @@ fn overlaps_are_counted_as_brute_force_counts_them() {
     }
 }
 
+/// Tiles need no point of their screen, and those far away are not asked at all.
+#[test]
+fn overlaps_of_pinned_tiles_of_a_mesh_are_counted_as_brute_force_counts_them() {
+    let origins: Vec<_> = (0..9).map(|at| UVec2::new(at % 3 * 280, at / 3 * 150)).collect();
+    let canvas = UVec2::new(880, 480);
+    let mut wall = tiles(Screen::new("front", Surface::Mesh(0), canvas), &origins);
+    for (at, channel) in wall.channels.iter_mut().enumerate() {
+        channel.adjustment.pin[at % 4] = DVec2::new(-9.0, 6.0) * (at % 3) as f64;
+        let moves = (0..9).map(|i| DVec2::new(f64::from(i * 5 % 4), f64::from(i * 7 % 3)) * 0.7);
+        let bend = ControlGrid { points: UVec2::splat(3), moves: moves.collect() };
+        channel.adjustment.bend = (at % 2 == 1).then_some(bend);
+    }
+    let size = SIZE.as_dvec2();
+    let mut counts = [0; 4];
+    for channel in [0, 4, 7] {
+        let image = draw(&wall, channel, TestPattern::Overlap);
+        let map = wall.channel_mapping(ChannelId(channel)).expect("a map");
+        // Not where the words are.
+        for (x, y) in (0..SIZE.x).step_by(3).flat_map(|x| (0..120).step_by(3).map(move |y| (x, y)))
+        {
+            let place = map.canvas_from_pixel(DVec2::new(f64::from(x), f64::from(y)) + 0.5);
+            let place = place.expect("a place");
+            let others = wall.channel_ids().filter(|id| id.0 != channel);
+            let at = |id| wall.channel_mapping(id)?.pixel_from_canvas(place);
+            let all: Vec<DVec2> = others.filter_map(at).collect();
+            // On an edge the rounding of a place decides.
+            let is_near = |at: DVec2, end: DVec2| at.abs().min((at - end).abs()).min_element();
+            if all.iter().any(|at| is_near(*at, size) < 0.01)
+                || is_near(place, canvas.as_dvec2()) < 0.01
+            {
+                continue;
+            }
+            let is_lit = |at: &&DVec2| at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all();
+            let count = all.iter().filter(is_lit).count().min(3);
+            let color = [[0, 40, 120], [0, 160, 0], [230, 200, 0], [255, 0, 0]][count];
+            let expected = if map.is_on_canvas(place) { color } else { [0; 3] };
+            assert_eq!(rgb(&image, x, y), expected, "channel {channel} at {x} {y}");
+            counts[count] += 1;
+        }
+    }
+    assert!([0, 1, 3].iter().all(|count| counts[*count] > 50), "{counts:?}");
+}
+
 #[test]
 fn overlaps_are_counted_for_the_eye_of_the_channel() {
     let mut wall = tiles(Screen::new("front", plane(), SIZE), &[UVec2::ZERO; 3]);

@@ -165,6 +165,10 @@ impl<'a> BlendChannel<'a> {
 
     /// The place of its picture, or of the plane beside it, that lights a place of the canvas.
     pub fn pixel(&self, canvas: DVec2) -> Option<DVec2> {
+        if self.channel.cover == ChannelKind::Tile {
+            // It needs no point, which takes a ray where the screen is a mesh.
+            return self.map.as_ref()?.pixel_from_canvas(canvas);
+        }
         self.pixel_of(&self.spot_on(canvas)?)
     }
 

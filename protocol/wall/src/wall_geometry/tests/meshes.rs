@@ -2,6 +2,7 @@
 
 use glam::{DQuat, Vec2};
 
+use super::super::super::blend::blend_channel::BlendChannel;
 use super::super::super::projector::Projector;
 use super::super::super::surface::Cylinder;
 use super::super::super::warp::{ImportedMesh as Mesh, ImportedVertex as Vertex};
@@ -148,6 +149,24 @@ fn a_projector_within_a_closed_mesh_lights_it_and_one_outside_its_back() {
         ResolvedWall { wall: &wall, shapes: &shapes }.channel_mapping(ChannelId(0)).expect("a map");
     let point = map.display_from_pixel(DVec2::splat(32.0)).expect("its near side");
     assert!(map.is_rear() && point.distance(DVec3::Z * 2.0) < 0.05, "{point}");
+}
+
+/// A tile's pixel at a place of the canvas is the same with the mesh's point there and without.
+#[test]
+fn tiles_of_a_mesh_are_found_without_its_points() {
+    let hill = |place: DVec2| DVec3::new(place.x * 4.0 - 2.0, 1.0 - place.y * 2.0, -3.0);
+    let mut tile = Channel::tile("tile", 0, UVec2::new(60, 20), UVec2::splat(64));
+    tile.adjustment.pin[2] = DVec2::new(5.0, -3.0);
+    let (wall, shapes) = lit(mesh([8, 4], hill), tile);
+    let of = ResolvedWall { wall: &wall, shapes: &shapes };
+    let lamp = BlendChannel::new(of, &wall.channels[0]);
+    for (_, pixel) in pixels(&wall, 5) {
+        let pixel = pixel.as_dvec2() + 0.5;
+        let canvas = lamp.canvas(pixel).expect("on the canvas");
+        let spot = lamp.spot(pixel).expect("on the canvas");
+        let due = lamp.pixel_of(&spot);
+        assert!(due.is_some() && lamp.pixel(canvas) == due, "{canvas}: {due:?}");
+    }
 }
 
 /// Triangles of no area lie in many meshes; they neither light nor hide.
