@@ -9,7 +9,10 @@
 //! Pixels are counted from the upper left corner of the upper left one: a pixel's middle is at
 //! (x + 0.5, y + 0.5).
 
+mod thrown_outline;
+
 use glam::{DMat3, DVec2, DVec3};
+use thrown_outline::ThrownOutline;
 
 use super::channel_calibration::ControlGrid;
 use super::mesh_bvh::MeshBvh;
@@ -166,13 +169,16 @@ impl<'a> ChannelMapping<'a> {
     /// through that of [`ResolvedWall::drawn_mesh`].
     pub fn drawn_mesh(&self) -> WarpMesh {
         let canvas = self.ground.screen.canvas.as_dvec2();
+        let outline = self.thrown_outline();
         // A screen that is small in a projector's picture may lie between places of a cell. Its
-        // edges are too even to leave one between places that are all lit.
+        // edges are too even to leave one between places that are all lit; holes of a mesh do.
         let is_mixed = |cell: &CellPlaces| {
             let reach = || CellReach::new(cell, |pixel| self.canvas_from_pixel(pixel));
-            self.is_thrown()
+            let meant = || CellReach::new(cell, |pixel| self.ideal_from_pixel(pixel));
+            let ends = outline.as_ref().is_some_and(|outline| outline.crosses(meant()));
+            ends || (self.is_thrown()
                 && self.drawn_from_pixel(cell[4]).is_none()
-                && reach().crosses(DVec2::ZERO, canvas)
+                && reach().crosses(DVec2::ZERO, canvas))
         };
         let point = |pixel| self.drawn_from_pixel(pixel);
         let rule = TessellationOptions::default();
@@ -194,6 +200,13 @@ impl<'a> ChannelMapping<'a> {
         }
         // Places between pixels are rounded by less than that.
         Some([least - 1.0, most + 1.0])
+    }
+
+    /// Returns the lines at which the mesh that a projector lights ends; `None` for other screens.
+    fn thrown_outline(&self) -> Option<ThrownOutline> {
+        let ChannelKind::Projector(projector) = &self.channel.cover else { return None };
+        let (size, edges) = (self.channel.size.as_dvec2(), self.ground.outline());
+        (!edges.is_empty()).then(|| ThrownOutline::new(projector, size, edges))
     }
 
     fn is_thrown(&self) -> bool {

@@ -1,6 +1,8 @@
 //! Ray casts and look-ups of picture places on a triangle mesh in f64, using a bounding volume
 //! hierarchy.
 
+use std::sync::OnceLock;
+
 use glam::{DVec2, DVec3};
 
 use super::triangle_bvh::{CRACK_SHARE, EDGE_SHARE, TriangleBvh};
@@ -12,6 +14,8 @@ pub struct MeshBvh {
     mesh: WarpMesh,
     by_point: TriangleBvh,
     by_place: TriangleBvh,
+    /// See [`Self::outline`]; found on first use.
+    outline: OnceLock<Vec<[DVec3; 2]>>,
 }
 
 /// The point where a ray meets a mesh.
@@ -33,7 +37,7 @@ impl MeshBvh {
         let places = places.collect::<Vec<_>>();
         let by_point = TriangleBvh::new(&points, &mesh.triangles);
         let by_place = TriangleBvh::new(&places, &mesh.triangles);
-        Self { mesh, by_point, by_place }
+        Self { mesh, by_point, by_place, outline: OnceLock::new() }
     }
 
     /// The point at a place; `None` where no triangle is. Where several are, that of one.
@@ -61,6 +65,12 @@ impl MeshBvh {
         })
     }
 
+    /// The edges of one triangle alone, by the points of their ends: where the mesh ends, and where
+    /// its holes begin.
+    pub(crate) fn outline(&self) -> &[[DVec3; 2]] {
+        self.outline.get_or_init(|| outline_of(&self.mesh))
+    }
+
     fn corners<T>(
         &self,
         triangle: usize,
@@ -81,6 +91,33 @@ fn nearest(
 ) -> Option<(usize, [f64; 3])> {
     let within = |share| tree.nearest(share, (from, direction, near), &corners);
     within(EDGE_SHARE).or_else(|| within(CRACK_SHARE))
+}
+
+/// Returns the edges that only one triangle of a mesh has. Files may have several vertices for one
+/// point, where its places differ: ends are told apart by their points.
+fn outline_of(mesh: &WarpMesh) -> Vec<[DVec3; 2]> {
+    let point = |vertex: u32| mesh.vertices[vertex as usize].point;
+    // −0 is 0.
+    let bits = |vertex: &u32| point(*vertex).to_array().map(|number| (number + 0.0).to_bits());
+    let mut order: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
+    order.sort_unstable_by_key(bits);
+    let mut first_of = vec![0u32; order.len()];
+    for same in order.chunk_by(|a, b| bits(a) == bits(b)) {
+        for vertex in same {
+            first_of[*vertex as usize] = same[0];
+        }
+    }
+    let mut edges = Vec::with_capacity(mesh.triangles.len() * 3);
+    for triangle in &mesh.triangles {
+        let [a, b, c] = triangle.map(|corner| first_of[corner as usize]);
+        // A triangle of two points covers nothing.
+        if a != b && b != c && c != a {
+            edges.extend([(a, b), (b, c), (c, a)].map(|(a, b)| [a.min(b), a.max(b)]));
+        }
+    }
+    edges.sort_unstable();
+    let lone = edges.chunk_by(|a, b| a == b).filter(|same| same.len() == 1);
+    lone.map(|same| same[0].map(point)).collect()
 }
 
 #[cfg(test)]

@@ -276,6 +276,11 @@ impl ScreenGeometry<'_> {
         self.facets.is_some()
     }
 
+    /// The edges at which a mesh ends, by the points of their ends; none of other screens.
+    pub(super) fn outline(&self) -> &[[DVec3; 2]] {
+        self.facets.map_or(&[], MeshBvh::outline)
+    }
+
     fn canvas(&self, hit: Hit) -> DVec2 {
         hit.place * self.screen.canvas.as_dvec2()
     }

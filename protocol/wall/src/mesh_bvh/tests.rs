@@ -139,3 +139,15 @@ proptest! {
         }
     }
 }
+
+/// Ends of edges are told apart by their points, which files repeat where places differ.
+#[test]
+fn a_mesh_ends_at_the_edges_of_one_triangle_alone() {
+    let [a, b, c, d] = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::ONE];
+    let same_as_c = DVec3::new(-0.0, 1.0, 0.0);
+    let facets = soup(&[[a, b, c], [d, same_as_c, b], [b, b, d]]);
+    let outline = facets.outline();
+    let has = |ends: [DVec3; 2]| outline.contains(&ends) || outline.contains(&[ends[1], ends[0]]);
+    assert!([[a, b], [c, a], [d, c], [b, d]].into_iter().all(has), "{outline:?}");
+    assert_eq!(outline.len(), 4, "not the edge between both, nor any of no area");
+}

@@ -151,6 +151,38 @@ fn a_projector_within_a_closed_mesh_lights_it_and_one_outside_its_back() {
     assert!(map.is_rear() && point.distance(DVec3::Z * 2.0) < 0.05, "{point}");
 }
 
+/// Holes of a few pixels, between the places at which a cell of 64 pixels is looked at, are dark to
+/// the pixel.
+#[test]
+fn small_holes_of_a_mesh_are_dark() {
+    let board = |place: DVec2| DVec3::new(place.x * 4.0 - 2.0, 1.0 - place.y * 2.0, -3.0);
+    // Cells of 3.6 pixels, of which two are not there.
+    let CalibrationMap::Warp(mut warp) = mesh([40, 20], board) else { panic!("a warp") };
+    let WarpGeometry::Mesh(all) = &mut warp.shape else { panic!("a mesh") };
+    let mut half = 0..;
+    let holes = [5 * 40 + 15, 13 * 40 + 24];
+    all.triangles.retain(|_| half.next().is_some_and(|half| !holes.contains(&(half / 2))));
+    assert_eq!(all.triangles.len(), 2 * (40 * 20 - 2));
+    let beam = beam(DVec3::ZERO, DVec3::NEG_Z, 0.3);
+    let (mut wall, shapes) = lit(CalibrationMap::Warp(warp), beam);
+    for is_bent in [false, true] {
+        if is_bent {
+            bend(&mut wall);
+        }
+        let of = ResolvedWall { wall: &wall, shapes: &shapes };
+        let map = of.channel_mapping(ChannelId(0)).expect("a map");
+        let drawn = map.drawn_mesh();
+        let mut dark = 0;
+        for (_, pixel) in pixels(&wall, 1) {
+            let pixel = pixel.as_dvec2() + 0.5;
+            let is_lit = map.drawn_from_pixel(pixel).is_some();
+            assert_eq!(drawn.point_at(pixel).is_some(), is_lit, "{pixel}, bent {is_bent}");
+            dark += usize::from(!is_lit);
+        }
+        assert!(dark >= 12, "{dark} pixels");
+    }
+}
+
 /// A tile's pixel at a place of the canvas is the same with the mesh's point there and without.
 #[test]
 fn tiles_of_a_mesh_are_found_without_its_points() {
