@@ -54,7 +54,8 @@ impl WindowOutput {
             tracing::error!("the adapter {} can't draw to this window", gpu.info().name);
             return;
         };
-        configuration.present_mode = self.present_mode(gpu);
+        let offered = self.surface.get_capabilities(&gpu.adapter).present_modes;
+        configuration.present_mode = present_mode(&offered);
         // Two frames in flight would show each frame one refresh later than it was swapped.
         configuration.desired_maximum_frame_latency = 1;
         if self.is_fine && self.supports_10_bit(gpu) {
@@ -71,15 +72,6 @@ impl WindowOutput {
             self.output = Some(PresentPass::new(gpu, format));
         }
         self.configuration = Some(configuration);
-    }
-
-    /// A mode in which displays take pictures between two refreshes, never within one, which
-    /// would tear them. Best is one in which nobody waits for the refresh before.
-    fn present_mode(&self, gpu: &Gpu) -> wgpu::PresentMode {
-        let modes = self.surface.get_capabilities(&gpu.adapter).present_modes;
-        let has_mailbox = modes.contains(&wgpu::PresentMode::Mailbox);
-        // All surfaces have the other one.
-        if has_mailbox { wgpu::PresentMode::Mailbox } else { wgpu::PresentMode::Fifo }
     }
 
     /// Returns whether it can show codes of 10 bits.
@@ -161,5 +153,37 @@ impl WindowOutput {
         self.window.pre_present_notify();
         gpu.queue.present(texture);
         Ok(())
+    }
+}
+
+/// A mode in which displays take pictures between two refreshes, never within one, which would tear
+/// them. Best of those that a surface offers is one in which nobody waits for the refresh before.
+fn present_mode(offered: &[wgpu::PresentMode]) -> wgpu::PresentMode {
+    let has_mailbox = offered.contains(&wgpu::PresentMode::Mailbox);
+    // All surfaces have the other one.
+    if has_mailbox { wgpu::PresentMode::Mailbox } else { wgpu::PresentMode::Fifo }
+}
+
+#[cfg(test)]
+mod tests {
+    use wgpu::PresentMode::{self, Fifo, FifoRelaxed, Immediate, Mailbox};
+
+    use super::present_mode;
+
+    #[test]
+    fn windows_take_a_mode_that_never_tears_and_if_they_can_one_that_never_waits() {
+        let cases: [(&[PresentMode], PresentMode); 6] = [
+            (&[Immediate, FifoRelaxed, Fifo, Mailbox], Mailbox),
+            (&[Fifo, Mailbox], Mailbox),
+            // The first two of them tear.
+            (&[Immediate, FifoRelaxed, Fifo], Fifo),
+            (&[Immediate, Fifo], Fifo),
+            (&[Fifo], Fifo),
+            // A window that cannot be drawn to offers none.
+            (&[], Fifo),
+        ];
+        for (offered, taken) in cases {
+            assert_eq!(present_mode(offered), taken, "of {offered:?}");
+        }
     }
 }
