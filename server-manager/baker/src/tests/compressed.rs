@@ -159,7 +159,15 @@ fn filtered_normals_are_as_near_as_their_bits() {
 
 /// A stream of the grid; levels 0 to 10, of which the last is the smallest.
 fn draco_stream(level: i32) -> Vec<u8> {
-    let (positions, indices) = (positions(), indices());
+    draco_stream_of(&positions(), &indices(), (level, 20))
+}
+
+/// A stream of a level of a mesh whose positions stand on a grid of so many bits.
+pub(super) fn draco_stream_of(
+    positions: &[[f32; 3]],
+    indices: &[u32],
+    (level, bits): (i32, i32),
+) -> Vec<u8> {
     let mut mesh = Mesh::new();
     let mut attribute = PointAttribute::new();
     let count = positions.len();
@@ -175,7 +183,7 @@ fn draco_stream(level: i32) -> Vec<u8> {
     }
     let mut options = EncoderOptions::new();
     options.set_compression_level(level);
-    options.set_attribute_quantization(0, 20);
+    options.set_attribute_quantization(0, bits);
     let mut encoder = MeshEncoder::new();
     encoder.set_mesh(mesh);
     let mut out = EncoderBuffer::new();

@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use polyptych_scene::meshlet::{self, Meshlet};
 use polyptych_scene::{IndexFormat, Mesh, Primitive, Topology};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::builder::Builder;
+use super::compressed::draco_stream_of;
 use super::{BakeFixture, bake_builder};
 use crate::levels::tests::distance::sampled;
 
@@ -268,6 +269,66 @@ fn check_tiles(tiles: &Builder) {
     // A border that nothing meets is simplified like the rest.
     let coarsest = one.drawn(*one.errors().last().expect("an error"));
     assert!(border(&coarsest, 0.0).len() < 10, "{}", border(&coarsest, 0.0).len());
+}
+
+/// The bytes of an accessor of words, which has none from then on.
+fn take_words(builder: &mut Builder, accessor: &Value) -> Vec<[u8; 4]> {
+    let number = |value: &Value| value.as_u64().expect("a number") as usize;
+    let json = builder.json["accessors"][number(accessor)].as_object_mut().expect("an object");
+    let view = json.remove("bufferView").expect("a view");
+    let view = &builder.json["bufferViews"][number(&view)];
+    let [start, count] = ["byteOffset", "byteLength"].map(|key| number(&view[key]));
+    builder.bin[start..start + count].as_chunks::<4>().0.to_vec()
+}
+
+/// The tiles, each packed by Draco on a grid of its own: the second one is wider.
+fn packed_tiles() -> Builder {
+    let mut builder = tiles();
+    for (number, width) in [1.0, 1.25].into_iter().enumerate() {
+        let part = builder.json["meshes"][number]["primitives"][0].clone();
+        let words = take_words(&mut builder, &part["attributes"]["POSITION"]);
+        let floats: Vec<f32> = words.into_iter().map(f32::from_le_bytes).collect();
+        let place = |&[x, y, z]: &[f32; 3]| [x * width, y, z];
+        let positions: Vec<[f32; 3]> = floats.as_chunks::<3>().0.iter().map(place).collect();
+        let words = take_words(&mut builder, &part["indices"]);
+        let indices: Vec<u32> = words.into_iter().map(u32::from_le_bytes).collect();
+        // 14 bits are what most writers take.
+        let view = builder.view(&draco_stream_of(&positions, &indices, (0, 14)), None);
+        builder.json["meshes"][number]["primitives"][0]["extensions"] = json!({
+            "KHR_draco_mesh_compression": { "bufferView": view, "attributes": { "POSITION": 0 } }
+        });
+    }
+    builder.json["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]);
+    builder
+}
+
+#[test]
+fn tiles_that_draco_has_rounded_keep_the_border_where_they_meet() {
+    let (place, baked, scene) = bake_builder(&packed_tiles());
+    assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+    let [one, two] = [0, 1].map(|at| BlobLevels::read(&place, &scene.meshes[at].primitives[0]));
+    // Half a step of each grid, 20 and 25 m of 14 bits, and what f32 rounds.
+    let near = (20.0 + 25.0) / 2.0 / 16_383.0 + 1e-5;
+    let border = |triangles: &[[DVec3; 3]], x: f64| -> BTreeMap<i64, f64> {
+        let points = triangles.iter().flatten().filter(|point| (point.x - x).abs() < near);
+        let row = |point: &DVec3| {
+            assert!((point.y - point.y.round()).abs() < near, "{point}");
+            (point.y.round() as i64, point.z)
+        };
+        points.map(row).collect()
+    };
+    let errors = [one.errors(), two.errors()].concat();
+    assert!(errors.len() > 6, "{errors:?}");
+    for limit in errors {
+        let [left, right] = [border(&one.drawn(limit), 20.0), border(&two.drawn(limit), 0.0)];
+        assert!(left.keys().copied().eq(0..=20), "{left:?} at {limit}");
+        assert!(right.keys().copied().eq(0..=20), "{right:?} at {limit}");
+        let mut heights = left.values().zip(right.values());
+        assert!(heights.all(|(one, two)| (one - two).abs() < near), "{left:?} {right:?}");
+    }
+    // A border that nothing meets is simplified like the rest.
+    let coarsest = one.drawn(*one.errors().last().expect("an error"));
+    assert!(border(&coarsest, 0.0).len() < 10, "{:?}", border(&coarsest, 0.0));
 }
 
 #[test]
