@@ -80,6 +80,27 @@ fn bounds_outlive_the_manager() {
 }
 
 #[test]
+fn bounds_out_of_range_are_refused_with_their_range_and_change_nothing() {
+    let mut stage = ClusterFixture::new(2);
+    let kept = QualityBounds { error_px: 0.25, rate_fps: Some(30.0) };
+    stage.bound(kept);
+    let errors = [f64::NAN, -1.0, f64::INFINITY, 1e30].map(|error_px| {
+        let words = format!("an error bound is 0 to 64 pixels, not {error_px}");
+        (QualityBounds { error_px, ..kept }, words)
+    });
+    let rates = [f64::NAN, 0.0, -1.0, f64::INFINITY, 1e9].map(|rate| {
+        let words = format!("a rate bound is 1 to 1000 frames per second, not {rate}");
+        (QualityBounds { rate_fps: Some(rate), ..kept }, words)
+    });
+    for (bounds, words) in errors.into_iter().chain(rates) {
+        stage.request(Request::SetBounds(bounds));
+        let refused = stage.replies.pop().map(|(_, reply)| reply);
+        assert_eq!(refused, Some(Err(RequestError::new(words))));
+        assert_eq!(stage.cluster.presentation.bounds, kept, "after {bounds:?}");
+    }
+}
+
+#[test]
 fn the_bound_in_force_follows_the_slowest_channel_and_is_reported() {
     let mut stage = ClusterFixture::new(2);
     stage.bound(RATE);
