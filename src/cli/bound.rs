@@ -83,3 +83,23 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     ))?;
     seen::conclude(&client, is_asked)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{error_px, rate_fps};
+
+    #[test]
+    fn bounds_out_of_range_are_refused_in_the_words_of_the_manager() {
+        assert_eq!((error_px("0"), error_px("64")), (Ok(0.0), Ok(64.0)));
+        for number in ["NaN", "-1", "inf", "65"] {
+            let words = format!("an error bound is 0 to 64 pixels, not {number}");
+            assert_eq!(error_px(number), Err(words));
+        }
+        assert_eq!((rate_fps("1"), rate_fps("1e3")), (Ok(1.0), Ok(1000.0)));
+        for number in ["NaN", "0", "-1", "inf", "1000000000"] {
+            let words = format!("a rate bound is 1 to 1000 frames per second, not {number}");
+            assert_eq!(rate_fps(number), Err(words));
+        }
+        assert_eq!(error_px("two"), Err("\"two\" is not a number".to_owned()));
+    }
+}
