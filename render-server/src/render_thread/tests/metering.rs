@@ -1,6 +1,9 @@
 //! Frames that are metered once they are shown.
 
-use super::preparation::shown;
+use glam::DAffine3;
+use polyptych_renderer::{MovedItems, MovedNode, PipelineNeeds, SceneLayout};
+
+use super::preparation::{cards, shown, shown_of, with_effects};
 use super::*;
 
 impl RenderThreadFixture {
@@ -67,4 +70,26 @@ fn the_first_metered_frame_waits_for_pipelines_that_are_made_beside_the_next_one
     assert_eq!(stage.thread.needs_and_metering(&state, &scene).len(), 2);
     stage.thread.is_metering = false;
     assert_eq!(stage.thread.needs_and_metering(&state, &scene).len(), 1);
+}
+
+#[test]
+fn nodes_that_are_moved_do_not_wait_for_pipelines_of_metering() {
+    let scene = cards(2);
+    let (mut stage, state) = shown_of(&scene);
+    let effects = state.replica.effects;
+    let layout = Arc::new(SceneLayout::new(scene.desc, &|| false).expect("sound"));
+    let node = MovedNode::new(0, DAffine3::from_translation(DVec3::NEG_Z * 4.0), &[]);
+    let moved = MovedItems::new(&layout, std::iter::once(node)).expect("one of two");
+    // A metered frame has come, and the pipelines for it are not made yet.
+    stage.thread.is_metering = true;
+    let (answer, answered) = sync_channel(1);
+    stage.thread.upload(Upload::Relayout { layout, moved: Some(Arc::new(moved)) });
+    stage.thread.upload(Upload::Finish { state: with_effects(&state, effects), answer });
+    answered.try_recv().expect("answered at once").expect("drawable");
+    let latest = stage.thread.states.back().expect("a state");
+    let of_frames = stage.thread.needs(&latest.state, &latest.scene);
+    let of_metering = PipelineNeeds::metering(&latest.scene, effects);
+    let own = stage.thread.renderer.pipelines();
+    assert!(of_frames.iter().all(|needs| own.meet(needs)));
+    assert!(!own.meet(&of_metering), "a picture that moves would wait for a driver");
 }

@@ -10,13 +10,26 @@ use polyptych_scene::LightEffects;
 use super::*;
 use crate::correction::tests::harness::{MeshFixture, SceneFixture, gpu, matt};
 
-/// A render thread that shows a card, and the state that it shows.
-pub(super) fn shown() -> (RenderThreadFixture, Arc<LoadedState>) {
-    let mut stage = RenderThreadFixture::on(gpu().clone(), None);
+/// Cards of one mesh, beside each other.
+pub(super) fn cards(count: u32) -> SceneFixture {
     let mut scene = SceneFixture::new();
     let material = scene.material(matt(0.8, 0.4, 0.2));
     let card = scene.mesh(&MeshFixture::rectangle(1.0, 1.0), Some(material));
-    scene.node(card, DAffine3::from_translation(DVec3::NEG_Z * 3.0));
+    for number in 0..count {
+        let place = DVec3::new(2.0 * f64::from(number), 0.0, -3.0);
+        scene.node(card, DAffine3::from_translation(place));
+    }
+    scene
+}
+
+/// A render thread that shows a card, and the state that it shows.
+pub(super) fn shown() -> (RenderThreadFixture, Arc<LoadedState>) {
+    shown_of(&cards(1))
+}
+
+/// A render thread that shows a scene, and the state that it shows.
+pub(super) fn shown_of(scene: &SceneFixture) -> (RenderThreadFixture, Arc<LoadedState>) {
+    let mut stage = RenderThreadFixture::on(gpu().clone(), None);
     let scene = Rc::new(scene.build());
     let thread = &mut stage.thread;
     let state = Arc::clone(&thread.states.back().expect("a state").state);
@@ -26,7 +39,7 @@ pub(super) fn shown() -> (RenderThreadFixture, Arc<LoadedState>) {
 }
 
 /// The same with other effects, one revision later.
-fn with_effects(state: &LoadedState, effects: LightEffects) -> Arc<LoadedState> {
+pub(super) fn with_effects(state: &LoadedState, effects: LightEffects) -> Arc<LoadedState> {
     let mut replica = state.replica.clone();
     replica.apply(Operation::SetEffects(effects));
     Arc::new(LoadedState {
