@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use polyptych_scene::deformation::Deformer;
-use polyptych_scene::{Fill, Sampler, Scene};
+use polyptych_scene::{Fill, Primitive, Sampler, Scene, Texture};
 
 use super::bent_vertices::BentVertices;
 use super::geometry::{self, Geometry};
@@ -21,6 +21,9 @@ pub enum SceneError {
     /// An index points nowhere, or a number is out of bounds.
     #[error("the scene's description is wrong: {0}")]
     Description(String),
+    /// A texture or a primitive is larger than this GPU holds.
+    #[error("{0}")]
+    TooLarge(String),
     /// The bytes are not those of the description.
     #[error("{what} has {got} bytes, where its description says {wanted}")]
     Size {
@@ -55,6 +58,31 @@ pub enum SceneError {
         /// In the driver's words.
         reason: String,
     },
+}
+
+impl SceneLayout {
+    /// Returns what of it is too large for a GPU, and the way out, if anything is: textures of a
+    /// longer side than `side_max` pixels, primitives of more than `bytes_max` bytes.
+    pub(crate) fn size_fault(&self, side_max: u32, bytes_max: u64) -> Option<String> {
+        for (i, mesh) in self.desc.meshes.iter().enumerate() {
+            let sizes = mesh.primitives.iter().map(Primitive::geometry_bytes);
+            if let Some(bytes) = sizes.max().filter(|bytes| *bytes > bytes_max) {
+                let name = &mesh.name;
+                return Some(format!(
+                    "mesh {i} ({name:?}) has a primitive of {bytes} bytes, where this server's GPU \
+                     holds {bytes_max} in a buffer; divide it, or draw it with another GPU"
+                ));
+            }
+        }
+        let is_too_large = |of: &&Texture| of.width.max(of.height) > side_max;
+        let (i, texture) =
+            self.desc.textures.iter().enumerate().find(|(_, of)| is_too_large(of))?;
+        let (width, height) = (texture.width, texture.height);
+        Some(format!(
+            "texture {i} has {width} × {height} pixels, where this server's GPU holds {side_max} a \
+             side; give it a smaller image, or draw it with another GPU"
+        ))
+    }
 }
 
 /// A scene under way to the GPU.
@@ -92,7 +120,7 @@ impl SceneBuilder {
         let limits = gpu.device.limits();
         let (side_max, bytes_max) = (limits.max_texture_dimension_2d, limits.max_buffer_size);
         if let Some(fault) = layout.size_fault(side_max, bytes_max) {
-            return Err(SceneError::Description(fault));
+            return Err(SceneError::TooLarge(fault));
         }
         let textures = (0..layout.textures.count).map(|_| None).collect();
         let geometries = (0..layout.geometries.count).map(|_| None).collect();

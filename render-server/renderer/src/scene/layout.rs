@@ -267,22 +267,6 @@ impl SceneLayout {
             && self.desc.textures == other.desc.textures
             && self.outlines == other.outlines
     }
-
-    /// Returns what of it is too large for a GPU, if anything: textures of a longer side than
-    /// `side_max` pixels, primitives of more than `bytes_max` bytes.
-    pub(super) fn size_fault(&self, side_max: u32, bytes_max: u64) -> Option<String> {
-        for (i, mesh) in self.desc.meshes.iter().enumerate() {
-            let sizes = mesh.primitives.iter().map(Primitive::geometry_bytes);
-            if let Some(bytes) = sizes.max().filter(|bytes| *bytes > bytes_max) {
-                return Some(format!("mesh {i}: {bytes} bytes, where {bytes_max} can be"));
-            }
-        }
-        self.desc.textures.iter().enumerate().find_map(|(i, texture)| {
-            let (width, height) = (texture.width, texture.height);
-            (width.max(height) > side_max)
-                .then(|| format!("texture {i}: {width} × {height}, where 1 to {side_max} can be"))
-        })
-    }
 }
 
 /// The way in which a primitive is drawn in one place.

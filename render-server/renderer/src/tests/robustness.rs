@@ -4,7 +4,9 @@ use glam::{Affine2, DAffine3, DMat3, DVec3, Vec3};
 use polyptych_scene::{AlphaMode, Glow, Instance, Light, LightKind, Material, TextureRef};
 
 use super::harness::{MeshFixture, SceneFixture, draw, drawn, gpu, look, matt, pixel};
-use crate::{AllowedError, DrawError, Renderer, SceneBuilder, SceneError, Target, ViewDesc};
+use crate::{
+    AllowedError, DrawError, Renderer, SceneBuilder, SceneError, SceneLayout, Target, ViewDesc,
+};
 
 const SIZE: [u32; 2] = [96, 96];
 
@@ -211,6 +213,33 @@ fn indices_that_point_nowhere_are_refused() {
     check(|s| s.desc.nodes[0].local.translation.x = f64::NAN, "not finite");
     check(|s| s.desc.meshes[0].primitives[0].material = Some(0), "names a material");
     check(|s| s.desc.meshes[0].primitives[0].index_count = 0, "of nothing");
+}
+
+#[test]
+fn what_is_larger_than_a_gpu_holds_is_named_with_the_limit_and_the_way_out() {
+    let mut stage = SceneFixture::new();
+    let (small, large) = (stage.checkers(4, true), stage.checkers(64, true));
+    assert_eq!((small, large), (0, 1));
+    let mesh = stage.mesh(&MeshFixture::rectangle(1.0, 1.0), None);
+    stage.node(mesh, DAffine3::IDENTITY);
+    stage.desc.meshes[0].name = "tower".into();
+    let bytes = stage.desc.meshes[0].primitives[0].geometry_bytes();
+    let layout = SceneLayout::new(stage.desc, &|| false).expect("sound");
+    assert_eq!(layout.size_fault(64, bytes), None);
+    let fault = layout.size_fault(63, bytes).expect("a texture is too large");
+    let holds = "where this server's GPU holds";
+    let way_out = "or draw it with another GPU";
+    let wanted = format!(
+        "texture 1 has 64 × 64 pixels, {holds} 63 a side; give it a smaller image, {way_out}"
+    );
+    assert_eq!(SceneError::TooLarge(fault).to_string(), wanted);
+    let fault = layout.size_fault(64, bytes - 1).expect("a primitive is too large");
+    let limit = bytes - 1;
+    let wanted = format!(
+        "mesh 0 (\"tower\") has a primitive of {bytes} bytes, {holds} {limit} in a buffer; divide \
+         it, {way_out}"
+    );
+    assert_eq!(fault, wanted);
 }
 
 #[test]
