@@ -246,6 +246,7 @@ pub(super) async fn wait_for_news(queues: RequestQueues) {
 mod tests {
     use std::sync::Arc;
 
+    use bytes::Bytes;
     use polyptych_protocol::ids::RequestId;
     use polyptych_protocol::request::RequestMessage;
     use tokio::sync::Semaphore;
@@ -267,5 +268,38 @@ mod tests {
         assert_eq!(hub.idlest_client(), None, "the folders are still being read");
         hub.answer(client, MessageToClient::Reply { id, reply: Ok(Response::Done) });
         assert_eq!(hub.idlest_client(), Some(client));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_client_that_vanished_gives_its_place_and_its_share_back() {
+        let (mut hub, ghost, answers) = start();
+        let mut others = Vec::new();
+        while hub.clients.len() < CLIENTS_MAX {
+            let (link, waiting) = ClientHandle::new();
+            hub.let_client_in(0, "ben".into(), false, link).expect("let in");
+            others.push(waiting);
+        }
+        let full = hub.let_client_in(0, "cem".into(), false, ClientHandle::new().0);
+        assert!(full.is_err_and(|reason| reason.contains("256 clients are connected")));
+        // It reads nothing, and what it has asked waits.
+        let link = hub.clients[&ghost].link.clone();
+        while link.has_room() {
+            assert!(link.send(Bytes::from(vec![0; 64 << 10])));
+        }
+        let room = Arc::new(Semaphore::new(2));
+        for id in 1..=2 {
+            let share = Arc::clone(&room).try_acquire_owned().expect("free");
+            let call = RequestMessage::new(RequestId(id), Request::Status);
+            hub.turns.queues().push(ghost, Asked::Call(call, share));
+        }
+        hub.serve_clients();
+        assert_eq!(room.available_permits(), 0, "it has no room for an answer");
+        // Its connection ends without a word from it.
+        drop(answers);
+        hub.turns.queues().push(ghost, Asked::Gone("it has read nothing for 10 s".into()));
+        hub.serve_clients();
+        assert_eq!((room.available_permits(), hub.clients.len()), (2, CLIENTS_MAX - 1));
+        assert!(link.close.is_cancelled());
+        hub.let_client_in(0, "cem".into(), false, ClientHandle::new().0).expect("a place is free");
     }
 }
