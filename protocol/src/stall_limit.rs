@@ -121,3 +121,69 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for StallLimit<S> {
         self.limit_write(context, ended)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use tokio::io::{AsyncReadExt, AsyncWriteExt};
+
+    use super::*;
+
+    const LIMIT: Duration = Duration::from_secs(10);
+
+    /// A stream whose peer takes nothing.
+    struct Deaf;
+
+    impl AsyncWrite for Deaf {
+        fn poll_write(
+            self: Pin<&mut Self>,
+            _context: &mut Context<'_>,
+            _bytes: &[u8],
+        ) -> Poll<io::Result<usize>> {
+            Poll::Pending
+        }
+
+        fn poll_flush(self: Pin<&mut Self>, _context: &mut Context<'_>) -> Poll<io::Result<()>> {
+            Poll::Pending
+        }
+
+        fn poll_shutdown(self: Pin<&mut Self>, _context: &mut Context<'_>) -> Poll<io::Result<()>> {
+            Poll::Pending
+        }
+    }
+
+    /// Checks that an operation has failed since the peer took nothing for as long as the limit.
+    #[track_caller]
+    fn check_stalled(done: io::Result<()>, begun: Instant) {
+        let error = done.expect_err("nobody reads");
+        assert_eq!(error.kind(), io::ErrorKind::TimedOut);
+        assert_eq!(error.to_string(), "it has read nothing for 10 s");
+        let waited = begun.elapsed();
+        assert!((LIMIT..LIMIT + 2 * LAST_LOOK_TIME).contains(&waited), "{waited:?}");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_peer_that_takes_nothing_ends_whatever_waits_for_it() {
+        let deaf = || (StallLimit::new(Deaf, LIMIT), Instant::now());
+        let (mut stream, begun) = deaf();
+        check_stalled(stream.write_all(&[1]).await, begun);
+        let (mut stream, begun) = deaf();
+        check_stalled(stream.flush().await, begun);
+        let (mut stream, begun) = deaf();
+        check_stalled(stream.shutdown().await, begun);
+
+        // One that is slow is waited for, and time in which nothing is written does not count.
+        let (ours, mut theirs) = tokio::io::duplex(1);
+        let mut stream = StallLimit::new(ours, LIMIT);
+        let slow = async {
+            for _ in 0..3 {
+                tokio::time::sleep(LIMIT * 9 / 10).await;
+                theirs.read_exact(&mut [0]).await.expect("read");
+            }
+        };
+        let (written, ()) = tokio::join!(stream.write_all(&[1; 4]), slow);
+        written.expect("it takes one byte after the other");
+        tokio::time::advance(2 * LIMIT).await;
+        let begun = Instant::now();
+        check_stalled(stream.write_all(&[2]).await, begun);
+    }
+}
