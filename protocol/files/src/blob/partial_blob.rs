@@ -168,6 +168,30 @@ mod tests {
         assert!(PartialBlob::open(&store, hash, false).expect("looked").is_none());
     }
 
+    #[cfg(unix)]
+    #[test]
+    fn a_beginning_that_another_process_has_put_into_its_place_is_not_written_to() {
+        let (_root, store) = store();
+        let whole = vec![7; PIECE];
+        let hash = BlobHash::of(&whole);
+        let (mut first, _) = PartialBlob::open(&store, hash, true).unwrap().expect("mine");
+        first.append(&whole).expect("kept");
+        // A second process opens it, and locks it once the first is done.
+        let path = first.path.clone();
+        let late = File::options().read(true).append(true).open(&path).expect("opened");
+        assert!(is_still_there(&late, &path));
+        first.place(&store, hash).expect("placed");
+        late.try_lock().expect("nobody holds it");
+        assert!(!is_still_there(&late, &path), "it is a blob of the store now");
+        // A new beginning is a file of its own, and is put over the same bytes.
+        let (mut third, before) = PartialBlob::open(&store, hash, true).unwrap().expect("mine");
+        assert!(before.is_empty() && !is_still_there(&late, &path));
+        third.append(&whole).expect("kept");
+        third.place(&store, hash).expect("placed again");
+        assert_eq!(store.read(hash).expect("read").as_deref(), Some(&whole[..]));
+        assert!(!path.exists());
+    }
+
     #[test]
     fn old_beginnings_and_those_beyond_the_bound_are_removed() {
         let (_root, store) = store();
