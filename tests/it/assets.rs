@@ -223,6 +223,38 @@ fn a_file_of_the_managers_folders_is_imported_where_the_one_here_is_in_none_of_t
 }
 
 #[test]
+fn a_file_that_is_added_is_baked_as_one() {
+    let place = TestDir::unbaked();
+    // A skin that no clip moves: edits may bend it where its file is opened, and nowhere else.
+    let skinned = Gltf::triangle().with(|gltf| {
+        let joints = gltf.accessor("VEC4", 5121, 3, &[0; 12]);
+        let weights = gltf.floats("VEC4", &[1.0, 0.0, 0.0, 0.0].repeat(3));
+        let attributes = &mut gltf.json["meshes"][0]["primitives"][0]["attributes"];
+        (attributes["JOINTS_0"], attributes["WEIGHTS_0"]) = (json!(joints), json!(weights));
+        gltf.json["nodes"] = json!([{ "mesh": 0, "skin": 0 }, { "name": "joint" }]);
+        gltf.json["scenes"] = json!([{ "nodes": [0, 1] }]);
+        gltf.json["skins"] = json!([{ "joints": [1] }]);
+    });
+    place.write("skinned.glb", skinned.glb());
+    let folder = place.write("post.glb", post().glb()).parent().expect("a folder").to_owned();
+    let local = LocalWall::start_in(place, &small(1, 1), &[&folder], ANY_PORT);
+    local.client().open_scene("post.glb").expect("opened");
+    let below = NewNode { name: "doll".into(), ..NewNode::default() };
+    let source = AssetSource::File("skinned.glb".into());
+    local.client().commit(Transaction::default().with_scene(source, below)).expect("added");
+    let bake = |options: &[&str]| {
+        let arguments = ["bake", "skinned.glb", "-o", "cache/polyptych/store", "--json"];
+        local.place.run(arguments.iter().chain(options)).json()
+    };
+    // The manager's own baker has done so.
+    let added = bake(&["--added"]);
+    assert_eq!(added["reused"], true, "{added}");
+    let opened = bake(&[]);
+    assert_eq!(opened["reused"], false, "{opened}");
+    assert_ne!(added["manifest"], opened["manifest"]);
+}
+
+#[test]
 fn shapes_are_added_by_words() {
     let local = wall();
     let before = picture_of(&local, "post.glb");
