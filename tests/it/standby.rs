@@ -5,6 +5,7 @@
 //! times and prints how much was acknowledged, and how long the wall stood still.
 
 use std::ffi::OsString;
+use std::fs;
 use std::net::TcpListener;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -266,4 +267,23 @@ fn a_leader_that_ends_in_order_is_followed_at_once_and_a_stopped_wall_by_nobody(
     for mut manager in pair.managers {
         manager.finish(wait::LIMIT).succeeded();
     }
+}
+
+#[test]
+fn a_standby_does_not_take_over_without_the_state_that_the_leader_has_written() {
+    let mut pair = Pair::start(&small(2, 1));
+    pair.client().open_scene("right.glb").expect("opened");
+    let before = pair.client().status().expect("status");
+    // The storage of both fails. Nothing changes any more, so that the leader writes nothing.
+    let [state, away] = ["shared/wall.state", "away.state"].map(|name| pair.place.path(name));
+    fs::rename(&state, &away).expect("moved");
+    pair.managers[0].kill();
+    let ended = pair.managers[1].finish(wait::LIMIT);
+    ended.failed(&["wall.state", "is missing", "mount its storage or put it back"]);
+    assert!(!state.exists(), "an empty state would be taken for the wall's");
+    // Once it is there again, the wall is what it was.
+    fs::rename(&away, &state).expect("put back");
+    pair.managers[1] = start_manager(&pair.place, &pair.addresses[1]);
+    let now = pair.client().status().expect("status");
+    assert_eq!((now.revision, now.scene.as_deref()), (before.revision, Some("right")));
 }
