@@ -45,6 +45,13 @@ const HOLD: &str = "(() => { const real = fetch; const held = new Promise((done)
                     if (!String(of[0]).endsWith('/calibration')) return real(...of); \
                     window.fetch = real; return held.then(() => real(...of)); }; })()";
 
+/// Refuses pictures of the channel from now on, and counts them in `asked`.
+const REFUSE: &str = "(() => { window.real ??= fetch; window.asked = 0; \
+                      window.fetch = (...of) => { \
+                      if (!String(of[0]).includes('.jpg?width=960')) return real(...of); \
+                      asked += 1; const body = JSON.stringify({ error: 'nobody draws' }); \
+                      return Promise.resolve(new Response(body, { status: 503 })); }; })()";
+
 /// Presses an arrow key on a point.
 fn press(browser: &mut Browser, label: &str, key: &str) {
     let event = format!("new KeyboardEvent('keydown', {{ key: '{key}', bubbles: true }})");
@@ -141,6 +148,29 @@ fn handles_stand_where_the_display_lights_their_points() {
         let near = |seen: &DVec2| seen.distance(place) < 3.0;
         wait::until(&format!("{label} at {place}"), || lit(&page).filter(near));
     }
+}
+
+#[test]
+fn a_refused_picture_is_said_once_until_there_is_one_again() {
+    let page = Page::start(&patient(tiled([2, 1], [192, 108])), &[], &[]);
+    let mut browser = open(&page);
+    browser.value("document.getElementById('align-begin').click()");
+    browser.await_true("document.getElementById('align-picture').naturalWidth === 96");
+    let said = "[...document.getElementById('log').children].filter((line) => \
+                line.textContent.includes('no picture of the channel: nobody draws')).length";
+    for times in 1..=2 {
+        browser.value(REFUSE);
+        for _ in 0..3 {
+            press(&mut browser, "Corner upper-left", "ArrowRight");
+        }
+        // One is asked for at a time: two of them were refused then.
+        browser.await_true("asked >= 3");
+        assert_eq!(browser.value(said), times);
+        browser.value("window.before = document.getElementById('align-picture').src");
+        browser.value("window.fetch = real");
+        browser.await_true("document.getElementById('align-picture').src !== before");
+    }
+    assert_eq!(browser.complaints, [""; 0], "errors of the page");
 }
 
 /// While the first of several changes is slow, the others wait for it, and none is lost.
