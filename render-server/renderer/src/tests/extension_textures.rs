@@ -3,7 +3,9 @@
 use std::f64::consts::PI;
 
 use glam::{Affine2, DQuat, DVec3, Vec2, Vec3};
-use polyptych_scene::{Clearcoat, MaterialExtensions, Sheen, Specular, TextureFormat, TextureRef};
+use polyptych_scene::{
+    AlphaMode, Clearcoat, Material, MaterialExtensions, Sheen, Specular, TextureFormat, TextureRef,
+};
 
 use super::extensions::{coat_albedo, facets, schlick, with};
 use super::furnace::{MIDDLE, aslant, material, radiance, radiance_of};
@@ -128,5 +130,28 @@ fn a_texture_is_the_colour_of_a_sheen_and_its_alpha_the_roughness() {
         let wanted = measured(SceneFixture::new(), plain, 2.0);
         let got = measured(half.stage, sheen(textured), 2.0);
         assert!((got / wanted - 1.0).abs() < 0.003, "{got} instead of {wanted}: {rough}");
+    }
+}
+
+#[test]
+fn a_texture_of_a_clear_coat_weighs_the_same_under_a_mask_and_cuts_nothing() {
+    for part in [0.25, -0.25] {
+        let lit = |alpha_mode: AlphaMode| {
+            // Its alpha is below the cutoff.
+            let half = Halves::new(TextureFormat::Rgba8Linear, [[51, 204, 0, 0], [204, 102, 9, 9]]);
+            let coat = Clearcoat {
+                factor: 0.8,
+                roughness: 0.9,
+                texture: Some(half.at(part)),
+                roughness_texture: Some(half.at(part)),
+                ..Clearcoat::default()
+            };
+            let coated =
+                MaterialExtensions { clearcoat: Some(coat), ..MaterialExtensions::default() };
+            let of = Material { alpha_mode, ..with(material(0.5, 0.0, 0.6), coated) };
+            radiance_of((half.stage, of), POSE.1, (0.0, None), &[(POSE.0, 2.0)])
+        };
+        let [whole, masked] = [AlphaMode::Opaque, AlphaMode::Mask(0.5)].map(lit);
+        assert!((masked / whole - 1.0).abs() < 0.003, "{masked} instead of {whole}: {part}");
     }
 }
