@@ -40,10 +40,13 @@ pub(super) struct Barrier {
     pub reduction: Reduction,
     /// A channel that it waits for has just come, or its pictures are read back: its time says
     /// nothing of the next frames.
-    is_untypical: bool,
+    pub is_untypical: bool,
     /// Another scene was opened since, of which its times say nothing.
     #[serde(default)]
     pub is_past: bool,
+    /// It shows a test pattern: its times say nothing of the scene's.
+    #[serde(default)]
+    pub is_pattern: bool,
     pub time_s: f64,
     pub began: Micros,
     /// The time at which its wait starts: its own beginning or the swap of the frame before,
@@ -119,7 +122,7 @@ impl Barrier {
     }
 
     /// The longest that a server drew as it draws most frames: without a trial.
-    fn slowest_untried_us(&self) -> Option<u32> {
+    pub fn slowest_untried_us(&self) -> Option<u32> {
         let untried = self.busy_us.iter().filter(|(server, _)| !self.tried.contains(server));
         untried.map(|(_, us)| *us).max()
     }
@@ -133,7 +136,7 @@ impl Barrier {
     /// Returns the time that the deadline learns from, in microseconds: the slowest server's, but
     /// at most [`OUTLIER_FACTOR`] times the median server's, since one server alone must not move
     /// the deadline. `None` if no awaited channel has drawn.
-    fn typical_slowest_us(&self) -> Option<u32> {
+    pub fn typical_slowest_us(&self) -> Option<u32> {
         let mut all: Vec<u32> = self.busy_us.values().copied().collect();
         all.sort_unstable();
         let median = *all.get(all.len() / 2)?;
@@ -212,7 +215,7 @@ impl Cluster {
         self.note_places(&detail.densities);
         let error_px = detail.error_px;
         let reduction = self.rate_bound.in_force(&self.presentation.bounds);
-        self.beginnings.add(now, reduction);
+        self.beginnings.add(now, self.presentation.pattern.is_none().then_some(reduction));
         let frame = Frame { is_metered, ..self.describe_frame(time_s, capture, detail) };
         self.command(sent.clone(), Command::Frame(frame));
         self.pipeline.push(Barrier {
@@ -223,6 +226,7 @@ impl Cluster {
             reduction,
             is_untypical: is_cold || capture.is_some() || is_new,
             is_past: false,
+            is_pattern: self.presentation.pattern.is_some(),
             time_s,
             began: now,
             turn: now,
@@ -332,11 +336,12 @@ impl Cluster {
         let is_awaited = awaiting.is_some();
         let beginning = self.beginnings.of(drawn.frame, self.frame);
         let began = beginning.map(|(began, _)| began);
+        let reduction = beginning.and_then(|(_, reduction)| reduction);
         self.registry.record_draw(drawn.channel, drawn.draw_us, now, began, allowed);
         if is_awaited {
             self.rate_bound.record_awaited(drawn.channel);
-        } else if let Some((_, reduction)) =
-            beginning.filter(|_| self.is_warm(drawn.channel) && !drawn.is_trial && !is_past)
+        } else if let Some(reduction) =
+            reduction.filter(|_| self.is_warm(drawn.channel) && !drawn.is_trial && !is_past)
         {
             let (draw_us, undrawn_us) = (Micros::from(drawn.draw_us), self.undrawn_time());
             let bounds = &self.presentation.bounds;
@@ -423,18 +428,7 @@ impl Cluster {
         self.swapped = barrier.frame;
         self.end_part_frame(now, barrier.frame);
         let slowest_us = barrier.slowest_us();
-        if let Some(typical_us) = barrier.typical_slowest_us().filter(|_| !barrier.is_past) {
-            self.deadline.add(typical_us);
-        }
-        if !barrier.is_untypical && !barrier.is_past {
-            // One that was not waited for any longer took as long as that.
-            let missed_us = now.saturating_sub(barrier.turn + lead_us);
-            let missed_us = (!barrier.waited.is_empty()).then_some(missed_us);
-            if let Some(us) = barrier.slowest_untried_us().map(Micros::from).max(missed_us) {
-                let (bounds, undrawn_us) = (&self.presentation.bounds, self.undrawn_time());
-                self.rate_bound.add(bounds, us, undrawn_us, barrier.reduction);
-            }
-        }
+        self.learn_from(&barrier, now);
         let feedback = self.aggregate(&barrier, now);
         let is_awaited = !barrier.awaited.is_empty();
         let has_missed = !barrier.waited.is_empty();

@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use polyptych_wall::DeadlinePolicy;
 use serde::{Deserialize, Serialize};
 
+use super::barrier::Barrier;
 use super::{Cluster, Micros};
 
 /// Frames that the median is taken over: about two seconds of a fast wall.
@@ -71,6 +72,30 @@ impl Cluster {
     pub(super) fn frame_waits(&self) -> (Micros, Micros) {
         let lead = self.swap_lead();
         (self.deadline.length() + lead, self.deadline.longest() + lead)
+    }
+
+    /// Takes the times of a frame that ends, for the deadline and the rate bound. A test pattern
+    /// only lengthens the deadline, where it takes longer than that: most are drawn in no time,
+    /// and the first frames of the scene behind them would all be late.
+    pub(super) fn learn_from(&mut self, barrier: &Barrier, now: Micros) {
+        if barrier.is_past {
+            return;
+        }
+        let least_us = if barrier.is_pattern { self.deadline.length() } else { 0 };
+        let typical_us = barrier.typical_slowest_us();
+        if let Some(us) = typical_us.filter(|us| Micros::from(*us) >= least_us) {
+            self.deadline.add(us);
+        }
+        if barrier.is_untypical || barrier.is_pattern {
+            return;
+        }
+        // One that was not waited for any longer took as long as that.
+        let missed_us = now.saturating_sub(barrier.turn + self.swap_lead());
+        let missed_us = (!barrier.waited.is_empty()).then_some(missed_us);
+        if let Some(us) = barrier.slowest_untried_us().map(Micros::from).max(missed_us) {
+            let (bounds, undrawn_us) = (&self.presentation.bounds, self.undrawn_time());
+            self.rate_bound.add(bounds, us, undrawn_us, barrier.reduction);
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! Bounds of error and rate: one decision in every frame, which follows the slowest channel.
 
 use polyptych_protocol::feedback::{FrameFeedback, ResolutionScales};
+use polyptych_protocol::pattern::TestPattern;
 use polyptych_protocol::quality_bounds::{DetailBound, ERROR_PX_MAX, QualityBounds};
 use polyptych_wall::view::View;
 
@@ -214,6 +215,34 @@ fn frames_that_are_slow_for_comparison_change_no_bound() {
         let is_kept = is_trial && other_us == 10_000;
         assert_eq!(error_px == 0.0, is_kept, "{error_px} px, {is_trial}, {other_us} us");
     }
+}
+
+#[test]
+fn a_test_pattern_changes_no_bound() {
+    let mut stage = ClusterFixture::new(2);
+    stage.bound(RATE);
+    (0..64).for_each(|_| drop(stage.bounded_frame(city)));
+    let error_px = |stage: &ClusterFixture| stage.cluster.status(stage.now).error_in_force_px;
+    let before = error_px(&stage);
+    assert!(before > 1.0, "{before} px");
+    stage.request(Request::SetPattern(Some(TestPattern::Checker)));
+    stage.draw(&[0, 1], 1_000);
+    (0..64).for_each(|_| drop(stage.bounded_frame(|_| [1_000; 2])));
+    stage.request(Request::SetPattern(None));
+    assert_eq!(error_px(&stage), before);
+}
+
+#[test]
+fn a_pattern_that_is_late_changes_no_bound() {
+    let mut stage = ClusterFixture::new(2);
+    stage.bound(RATE);
+    stage.request(Request::SetPattern(Some(TestPattern::Checker)));
+    stage.draw(&[0], 1_000);
+    stage.wait(1_000_000);
+    assert_eq!((stage.state(1), stage.swaps.len()), (ChannelState::Late, 1));
+    let slow = FrameRendered { draw_us: 1_000_000, ..stage.drawn(1) };
+    stage.say(SessionId(1), ServerMessage::Drawn(slow));
+    assert_eq!(stage.cluster.status(stage.now).error_in_force_px, 0.0);
 }
 
 #[test]

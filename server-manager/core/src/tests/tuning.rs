@@ -379,6 +379,41 @@ fn all_channels_change_their_pattern_with_one_frame_and_joiners_have_it() {
     assert_eq!(stage.frames.last().expect("a frame").1.presentation.pattern, None);
 }
 
+impl ClusterFixture {
+    /// A frame that was begun, or one that is ordered, is drawn by the only channel in this time.
+    fn draw_in(&mut self, us: u32) {
+        if self.cluster.pipeline.is_empty() {
+            self.order_frame();
+        }
+        self.wait(Micros::from(us));
+        let drawn = FrameRendered { draw_us: us, ..self.drawn(0) };
+        self.say(SessionId(0), ServerMessage::Drawn(drawn));
+    }
+}
+
+#[test]
+fn a_pattern_shortens_no_deadline_of_the_scene() {
+    let mut stage = ClusterFixture::new(1);
+    (0..64).for_each(|_| stage.draw_in(70_000));
+    assert_eq!(stage.cluster.status(stage.now).deadline_ms, 280.0);
+    stage.request(Request::SetPattern(Some(TestPattern::Checker)));
+    (0..64).for_each(|_| stage.draw_in(1_000));
+    stage.request(Request::SetPattern(None));
+    stage.draw_in(70_000);
+    assert_eq!(stage.cluster.status(stage.now).deadline_ms, 280.0);
+    assert_eq!(stage.state(0), ChannelState::Live);
+}
+
+#[test]
+fn a_pattern_that_takes_longer_than_the_deadline_lengthens_it() {
+    let mut stage = ClusterFixture::new(1);
+    assert_eq!(stage.cluster.status(stage.now).deadline_ms, 80.0);
+    stage.request(Request::SetPattern(Some(TestPattern::Checker)));
+    (0..40).for_each(|_| stage.draw_in(200_000));
+    assert_eq!(stage.cluster.status(stage.now).deadline_ms, 800.0);
+    assert_eq!(stage.state(0), ChannelState::Live);
+}
+
 /// Views in rows and columns, which divide the second channel into more parts than a tile may
 /// have; while it is pinned, each has a picture of its own.
 fn net() -> Vec<View> {
