@@ -1,6 +1,7 @@
 //! The time that the GPU takes for each pass of a frame, by timestamps where the adapter has them.
 //!
-//! One frame in [`FRAMES`] is measured: timestamps split the work of some drivers.
+//! One round of frames in [`ROUNDS`] is measured: timestamps split the work of some drivers. A
+//! round is what a server draws for one frame of the wall: a frame for each channel and overlay.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,8 +11,8 @@ use polyptych_scene::{FramePass, PassTimes};
 use super::submission::Submission;
 use crate::gpu::Gpu;
 
-/// One frame of so many is measured; the first one is not, since it draws what others keep.
-const FRAMES: u64 = 8;
+/// One round of so many is measured; the first one is not, since it draws what others keep.
+const ROUNDS: u64 = 8;
 
 /// Timestamps of a frame; what comes after them is not measured.
 const TIMESTAMPS_MAX: u32 = 256;
@@ -36,7 +37,10 @@ pub(crate) struct FrameTimer(Option<Arc<Measurement>>);
 #[derive(Debug, Default)]
 pub(super) struct PassTimer {
     idle: Vec<Arc<Measurement>>,
-    frames: u64,
+    rounds: u64,
+    /// A frame was begun since the last one was finished. All of a round are measured: of a server
+    /// with two channels, one would else be measured always and the other one never.
+    is_round_open: bool,
 }
 
 impl Measurement {
@@ -115,8 +119,10 @@ impl FrameTimer {
 impl PassTimer {
     /// Begins a frame.
     pub fn begin(&mut self, gpu: &Gpu) -> FrameTimer {
-        self.frames += 1;
-        if self.frames % FRAMES != 2 || !gpu.has_timestamps() {
+        if !self.is_round_open {
+            (self.rounds, self.is_round_open) = (self.rounds + 1, true);
+        }
+        if self.rounds % ROUNDS != 2 || !gpu.has_timestamps() {
             return FrameTimer::default();
         }
         let of = self.idle.pop().unwrap_or_else(|| Arc::new(Measurement::new(gpu)));
@@ -126,6 +132,7 @@ impl PassTimer {
 
     /// Returns the times of a frame that was waited for.
     pub fn finish(&mut self, gpu: &Gpu, timer: FrameTimer) -> PassTimes {
+        self.is_round_open = false;
         let mut times = PassTimes::default();
         let Some(of) = timer.0 else { return times };
         if !of.is_there.swap(false, Ordering::SeqCst) {

@@ -78,3 +78,25 @@ fn a_pass_is_measured_where_there_is_one() {
         assert!(sum <= of.gpu_us + of.encode_us + of.cull_us, "frame {at}: {of:?}");
     }
 }
+
+#[test]
+fn all_channels_of_a_round_are_measured() {
+    assert!(gpu().has_timestamps(), "this driver has no timestamps, so nothing is tested");
+    let scene = ball(false, false);
+    let mut renderer = Renderer::new(gpu(), 4).unwrap();
+    renderer.prepare(gpu(), &scene);
+    let views = [look(DVec3::new(0.0, 3.0, 8.0), DVec3::ZERO, CANVAS)];
+    let is_linear = scene.needs_light(views[0].effects());
+    let mut targets = [0, 1].map(|_| Target::new(gpu(), CANVAS, 4, is_linear).unwrap());
+    for round in 1..=16 {
+        let begun = targets.each_mut().map(|to| renderer.begin(gpu(), &scene, to, &views).unwrap());
+        let with_begun = targets.iter_mut().zip(begun);
+        let submitted: Vec<_> = with_begun
+            .map(|(to, begun)| renderer.submit(gpu(), &scene, to, begun).unwrap())
+            .collect();
+        for (to, frame) in targets.iter_mut().zip(submitted) {
+            let passes = renderer.finish(gpu(), to, frame).unwrap().passes;
+            assert_eq!(passes.is_measured(), round % 8 == 2, "round {round}");
+        }
+    }
+}
