@@ -13,6 +13,9 @@ use super::verification_report::{Bound, VerificationReport};
 const SAME_MIN: f64 = 0.995;
 const NEAR_MIN: f64 = 0.9999;
 
+/// The row of the first share.
+const SAME: &str = "pixels that are the same";
+
 /// Most pixels that may be off by more than eight levels, as a share.
 const FAR_MAX: f64 = 20e-6;
 
@@ -147,7 +150,7 @@ impl Difference {
             return;
         }
         let rows = [
-            ("pixels that are the same", self.same, Bound::AtLeast(SAME_MIN)),
+            (SAME, self.same, Bound::AtLeast(SAME_MIN)),
             ("pixels within one level", self.within_one, Bound::AtLeast(NEAR_MIN)),
             ("pixels off by more than eight", self.beyond_eight, Bound::AtMost(FAR_MAX)),
         ];
@@ -155,6 +158,24 @@ impl Difference {
             table.add(what, share(count), "", Some(target), note.clone());
         }
     }
+}
+
+/// The picture of a screen that one channel shows; `None` if the channel sent none, which the table
+/// tells with the reason: a dark picture would be compared in its place.
+///
+/// # Errors
+/// The capture has no picture of the screen.
+pub(super) fn single_screen(
+    capture: &polyptych_client::Capture,
+    name: &str,
+    table: &mut VerificationReport,
+) -> anyhow::Result<Option<RgbaImage>> {
+    if let Some((_, why)) = capture.missing.first() {
+        let why = format!("screen {name}: its one channel has no picture: {why}");
+        table.add_unmeasured(SAME, Some(Bound::AtLeast(SAME_MIN)), why);
+        return Ok(None);
+    }
+    screen_of(capture, name).map(Some)
 }
 
 /// The picture of a screen in a capture.
@@ -187,5 +208,26 @@ mod tests {
         };
         let single = single(&wall, 0);
         assert_eq!((single.samples, single.shadows), (wall.samples, wall.shadows));
+    }
+
+    #[test]
+    fn a_single_channel_without_a_picture_is_not_compared_with() {
+        let (name, rgba) = ("front".to_owned(), vec![0; 4]);
+        let dark = polyptych_client::Image { name, width: 1, height: 1, rgba };
+        let mut capture = polyptych_client::Capture {
+            frame: polyptych_client::FrameId(1),
+            screens: vec![dark],
+            channels: Vec::new(),
+            missing: vec![("single".into(), "the device is lost".into())],
+        };
+        let mut table = VerificationReport::default();
+        let picture = single_screen(&capture, "front", &mut table).expect("a row");
+        assert!(picture.is_none() && !table.is_met());
+        let [row] = &table.rows[..] else { panic!("{table}") };
+        assert_eq!((row.what.as_str(), row.measured), (SAME, None));
+        assert!(row.note.contains("front") && row.note.contains("the device is lost"), "{table}");
+        capture.missing.clear();
+        let picture = single_screen(&capture, "front", &mut table).expect("a picture");
+        assert!(picture.is_some() && table.rows.len() == 1);
     }
 }
