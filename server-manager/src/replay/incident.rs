@@ -158,15 +158,17 @@ impl Incident {
     /// Tells it to a core, with that core's own timeouts in between, and then lets time pass
     /// until nothing is open.
     ///
-    /// Demands the [`Invariants`], that a frame is swapped within the wall's longest deadline, and
-    /// that every request of a client that stays is answered.
+    /// Demands the [`Invariants`], that a frame is swapped within the wall's longest deadline and
+    /// its swap lead, and that every request of a client that stays is answered.
     ///
     /// # Errors
     /// Says what does not hold, when, and on which input.
     pub fn check(self) -> Result<Checked, String> {
         let is_from_start = matches!(self.head.beginning, InitialState::Fresh(_));
         let cluster = self.head.beginning.into_cluster();
-        let deadline = Micros::from(cluster.wall().deadline.max_ms) * 1000;
+        // Servers draw nothing before the instant at which they show the frame before.
+        let (wait, sync) = (&cluster.wall().deadline, &cluster.wall().sync);
+        let deadline = (Micros::from(wait.max_ms) + Micros::from(sync.swap_lead_ms)) * 1000;
         let invariants = Invariants::new(&cluster, is_from_start, "the incident".into());
         let checked = Checked::default();
         let (imports, sessions) = (Vec::new(), Vec::new());
@@ -325,5 +327,87 @@ impl Check {
                 Err(format!("request {} of session {} is never answered", job.id, job.client.0))
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DVec2, DVec3, UVec2};
+    use polyptych_core::SessionId;
+    use polyptych_protocol::command::Command;
+    use polyptych_protocol::handshake::{Adapter, ServerHello};
+    use polyptych_protocol::ids::{Digest, Epoch, RequestId};
+    use polyptych_protocol::request::Request;
+    use polyptych_protocol::server_message::{Prepared, ServerMessage};
+    use polyptych_protocol::state_log::Replica;
+    use polyptych_wall::surface::Plane;
+    use polyptych_wall::{Channel, DeadlinePolicy, Screen, Surface, Wall};
+
+    use super::*;
+    use crate::recorder::ClusterConfig;
+
+    const SERVER: SessionId = SessionId(2);
+
+    /// A wall of one channel, whose frames wait for a second and are shown 3 ms after their swap.
+    fn wall() -> Wall {
+        let side = UVec2::splat(64);
+        let plane = Plane::upright(DVec3::NEG_Z, DVec2::splat(2.0));
+        let screens = vec![Screen::new("front", Surface::Plane(plane), side)];
+        let channels = vec![Channel::tile("c0", 0, UVec2::ZERO, side)];
+        let mut wall = Wall { near_m: 0.1, ..Wall::new("lead", screens, channels) };
+        wall.deadline = DeadlinePolicy { factor: 4.0, min_ms: 50, max_ms: 1000 };
+        wall.sync.swap_lead_ms = 3;
+        wall
+    }
+
+    /// A server that has what the manager gives it first.
+    fn prepared(fresh: &ClusterConfig, joins: &Input) -> Prepared {
+        let mut prepared = None;
+        for output in tell(&mut fresh.to_cluster(), 1000, joins.clone()).0 {
+            let Effect::Command { command, .. } = output else { continue };
+            let Command::Prepare(prepare) = *command else { continue };
+            let (epoch, revision) = (prepare.epoch, prepare.revision);
+            let digest: Digest = Replica::from_snapshot(revision, prepare.operations).digest();
+            let (features, scene_bytes, detail_reach) = (Vec::new(), 0, None);
+            prepared =
+                Some(Prepared { epoch, revision, digest, features, scene_bytes, detail_reach });
+        }
+        prepared.expect("the server is given the state")
+    }
+
+    #[test]
+    fn a_frame_that_is_not_drawn_may_wait_for_the_swap_lead_too() {
+        let fresh = ClusterConfig {
+            wall: wall(),
+            epoch: Epoch(7),
+            memory: None,
+            outline: None,
+            is_navigable: false,
+        };
+        let hello = ServerHello {
+            name: "c0".into(),
+            channels: vec!["c0".into()],
+            pid: 100,
+            adapter: Adapter { texture_side_max: 8192, ..Adapter::default() },
+        };
+        let joins = Input::Server { session: SERVER, hello, address: "127.0.0.1:9".into() };
+        let status = ServerMessage::Prepared(prepared(&fresh, &joins));
+        let client = SessionId(1);
+        let request = Request::RenderFrame { camera: None, time_s: None };
+        let inputs = [
+            Input::Client { session: client, name: "test".into() },
+            joins,
+            Input::Status { from: SERVER, status },
+            Input::Request { client, id: RequestId(1), request },
+        ];
+        let lines = (1..).zip(inputs).map(|(at, input)| IncidentEntry { now: at * 1000, input });
+        let head = IncidentHeader {
+            incident: FORMAT,
+            about: "a server that never draws".into(),
+            program: "0.1.0".into(),
+            beginning: InitialState::Fresh(Box::new(fresh)),
+        };
+        let checked = Incident { head, lines: lines.collect() }.check().expect("all holds");
+        assert!(checked.frames > 0 && checked.requests == 1, "{checked:?}");
     }
 }
