@@ -1,5 +1,6 @@
 //! `report.json`: a list of scenes, each with what it costs at every error bound.
 
+use std::ffi::OsString;
 use std::path::Path;
 
 use polyptych_client::SceneSummary;
@@ -18,7 +19,7 @@ use super::stage::Memory;
 /// The command, the date and the machine of a run.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct RunInfo {
-    /// The command as it was typed.
+    /// The command as it was typed; bytes that are no text are replaced.
     pub command: String,
     /// The version of the program.
     pub version: &'static str,
@@ -50,7 +51,7 @@ impl RunInfo {
         let (month, day) = (u8::from(now.month()), now.day());
         let (hour, minute) = (now.hour(), now.minute());
         Self {
-            command: std::env::args().map(|word| quoted(&word)).collect::<Vec<_>>().join(" "),
+            command: command_line(std::env::args_os()),
             version: env!("CARGO_PKG_VERSION"),
             date: format!("{}-{month:02}-{day:02} {hour:02}:{minute:02} UTC", now.year()),
             processor: processor().unwrap_or_else(|| std::env::consts::ARCH.into()),
@@ -64,6 +65,11 @@ impl RunInfo {
             supersampling: options.supersampling,
         }
     }
+}
+
+/// A command as a shell reads it back. A path need not be text.
+fn command_line(words: impl Iterator<Item = OsString>) -> String {
+    words.map(|word| quoted(&word.to_string_lossy())).collect::<Vec<_>>().join(" ")
 }
 
 /// A word of a command as a shell reads it back.
@@ -261,6 +267,8 @@ pub(super) fn shadows_name(shadows: ShadowFilter) -> &'static str {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::ffi::OsStringExt;
+
     use super::*;
 
     #[test]
@@ -274,5 +282,12 @@ mod tests {
         ] {
             assert_eq!(quoted(word), typed);
         }
+    }
+
+    #[test]
+    fn a_path_that_is_no_text_is_named_in_the_command() {
+        let path = OsString::from_vec(b"b\xff.glb".to_vec());
+        let words = [OsString::from("bench"), path];
+        assert_eq!(command_line(words.into_iter()), "bench 'b\u{fffd}.glb'");
     }
 }
