@@ -31,7 +31,8 @@ pub(crate) struct FaultRecord {
     /// The time at which the channel first drew a frame in time again; 0 if it always did.
     #[serde(serialize_with = "millis")]
     pub drew_again_ms: Option<Duration>,
-    /// The time at which the channel was live again; 0 if it always was, `null` if it never was.
+    /// The time at which the channel was live again; 0 if it always was, `null` if it never was, or
+    /// if the run ended before that was known.
     #[serde(serialize_with = "millis")]
     pub live_again_ms: Option<Duration>,
     /// The states that the channel went through, as far as frames saw them.
@@ -67,6 +68,7 @@ impl FaultRecord {
         }
         let ms = |time: Duration| time.as_secs_f64() * 1000.0;
         let back = match self.live_again_ms {
+            None if self.states == [ChannelState::Live] => "live until the run ended".to_owned(),
             None => format!("not live again; it went through {:?}", self.states).to_lowercase(),
             Some(Duration::ZERO) => "live all the time".to_owned(),
             Some(time) => format!("live again after {:.0} ms", ms(time)),
@@ -242,13 +244,20 @@ impl ActiveFault {
         }
         self.has_missed |= !has_drawn;
         self.has_left |= state != ChannelState::Live;
+        let is_unhurt = !self.has_left && age >= WATCH_MIN;
+        if self.end == FaultEnd::Never {
+            // It hurts until the run ends: each frame may be the first that tells.
+            let drew = is_unhurt && !self.has_missed;
+            record.drew_again_ms = drew.then_some(Duration::ZERO);
+            record.live_again_ms = is_unhurt.then_some(Duration::ZERO);
+            return true;
+        }
         if is_over && self.has_missed && has_drawn {
             record.drew_again_ms = record.drew_again_ms.or(Some(age));
         }
         if is_over && self.has_left && state == ChannelState::Live {
             record.live_again_ms = record.live_again_ms.or(Some(age));
         }
-        let is_unhurt = !self.has_left && age >= WATCH_MIN;
         if is_over && is_unhurt && state == ChannelState::Live {
             record.drew_again_ms = record.drew_again_ms.or(Some(Duration::ZERO));
             record.live_again_ms = record.live_again_ms.or(Some(Duration::ZERO));
@@ -374,6 +383,37 @@ mod tests {
         let record = stage.record();
         assert_eq!((record.live_again_ms, record.drew_again_ms), (Some(ms(0)), Some(ms(0))));
         assert_eq!((record.states.as_slice(), record.others_late), (&[Live][..], 0));
+    }
+
+    #[test]
+    fn a_fault_that_lasts_and_does_nothing_is_said_to_have_done_nothing() {
+        let mut stage = Stage::new();
+        stage.fault(0, FaultEnd::Never);
+        stage.frame(500, [Live; 2], [true; 2]);
+        stage.frame(1500, [Live; 2], [true; 2]);
+        let record = stage.record();
+        assert_eq!((record.live_again_ms, record.drew_again_ms), (Some(ms(0)), Some(ms(0))));
+        assert!(record.line().contains("live all the time"), "{}", record.line());
+        // What it does at last is seen all the same.
+        let mut stage = Stage::new();
+        stage.fault(0, FaultEnd::Never);
+        stage.frame(1500, [Live; 2], [true; 2]);
+        stage.frame(2500, [Late, Live], [false, true]);
+        let record = stage.record();
+        assert_eq!((record.live_again_ms, record.drew_again_ms), (None, None));
+        assert!(record.line().contains("not live again"), "{}", record.line());
+    }
+
+    #[test]
+    fn a_fault_just_before_the_end_is_not_said_to_have_hurt() {
+        for frames in [0, 1] {
+            let mut stage = Stage::new();
+            stage.fault(0, FaultEnd::AtOnce);
+            (0..frames).for_each(|_| stage.frame(40, [Live; 2], [true; 2]));
+            let record = stage.record();
+            assert_eq!(record.live_again_ms, None);
+            assert!(record.line().contains("live until the run ended"), "{}", record.line());
+        }
     }
 
     #[test]
