@@ -65,7 +65,7 @@ pub(crate) struct Faults<'a> {
     chance: fastrand::Rng,
     recorder: FaultRecorder,
     stopped: BTreeMap<String, Instant>,
-    /// Until when servers are slowed or delayed; `None`: to the end.
+    /// Until when servers are slowed, delayed or unplugged; `None`: to the end.
     lasting: BTreeMap<(&'static str, String), Option<Instant>>,
     ends: FaultTimer,
 }
@@ -150,7 +150,11 @@ impl<'a> Faults<'a> {
             }
             FaultKind::Corrupt { up, down } => relay()?.corrupt(up, down),
             FaultKind::Cut => relay()?.cut(),
-            FaultKind::Unplug(length) => relay()?.unplug(length),
+            FaultKind::Unplug(length) => {
+                relay()?;
+                self.begin_alone("unplugged", server, Some(length))?;
+                relay()?.unplug(length);
+            }
             FaultKind::Delay { by, length } => {
                 relay()?;
                 self.begin_alone("delayed", server, length)?;
@@ -162,7 +166,7 @@ impl<'a> Faults<'a> {
         Ok(())
     }
 
-    /// A server is slowed or delayed once at a time: the end of one would end the other too.
+    /// A server is slowed, delayed or unplugged once at a time: both would have one end.
     fn begin_alone(
         &mut self,
         what: &'static str,

@@ -43,8 +43,10 @@ fn corrupted_bytes_end_a_connection_with_a_reason_on_both_sides() {
 #[test]
 fn a_half_open_connection_is_lost_after_the_heartbeat_and_made_again() {
     in_time(|| {
-        let run = Run::new(&["at 40 unplug 3500ms front-2-2"], 210);
+        let again = "at 60 unplug 1s front-2-2";
+        let run = Run::new(&["at 40 unplug 3500ms front-2-2", again], 210);
         let fault = run.fault(0);
+        assert_eq!(run.fault(1).record["skipped"], "its server is unplugged already");
         fault.went_through(&["late", "lost", "live"])?;
         let before_the_end = run.log.split("the manager ends").next().unwrap_or_default();
         let lines = |part: &str| before_the_end.lines().filter(|l| l.contains(part)).count();
