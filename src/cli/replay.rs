@@ -94,11 +94,18 @@ fn draw(reader: &RingReader, arguments: &Arguments) -> anyhow::Result<ReplayRepo
         bail!("--to {to} is not after --from {from}; give a later time");
     }
     let (replayed, lanes) = replay_lanes(reader, &range)?;
+    if replayed.inputs == 0 {
+        // That is what is wrong with it, and not the range.
+        return Ok(replayed);
+    }
     let named = arguments.file.display();
-    let Some(lanes) = lanes.filter(|lanes| lanes.to_s > 0.0 || !lanes.channels.is_empty()) else {
+    let Some(lanes) = lanes else {
         let parts = replayed.parts.len();
         bail!("{named}: there is no such part to draw; the recording has {parts}, see --part");
     };
+    if lanes.channels.iter().all(|lane| lane.states.is_empty()) {
+        bail!("{named}: there is nothing in that time; the timeline shows what there is");
+    }
     let name = arguments.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let drawing = lane_drawing::svg(&lanes, &name);
     if let Some(file) = &arguments.html {

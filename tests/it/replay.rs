@@ -104,5 +104,8 @@ fn check_lanes(place: &TestDir, record: &str, lost: &str) {
     assert!(page.descendants().any(|node| node.text() == Some("Events")));
     let late = ["replay", record, "--svg", "none.svg", "--part", "99"];
     place.run(late).failed(&["there is no such part", "--part"]);
+    let late = ["replay", record, "--html", "none.html", "--from", "1e6"];
+    place.run(late).failed(&["there is nothing in that time"]);
+    assert!(!place.path("none.html").exists(), "no empty page");
     assert_eq!(place.run(["replay", record, "--from", "1"]).code(), 2, "of what?");
 }
