@@ -33,7 +33,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     json: bool,
     /// Keep it as a test: NAME in a checkout's server-manager/tests/incidents, or a path
-    #[arg(long, value_name = "NAME", conflicts_with_all = ["svg", "html"])]
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["json", "svg", "html"])]
     keep: Option<String>,
     /// Draw lanes over time, of manager, channels and clients: an SVG file
     #[arg(long, value_name = "FILE")]

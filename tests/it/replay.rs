@@ -108,4 +108,6 @@ fn check_lanes(place: &TestDir, record: &str, lost: &str) {
     place.run(late).failed(&["there is nothing in that time"]);
     assert!(!place.path("none.html").exists(), "no empty page");
     assert_eq!(place.run(["replay", record, "--from", "1"]).code(), 2, "of what?");
+    let both = ["replay", record, "--json", "--keep", "./both.incident"];
+    assert_eq!(place.run(both).code(), 2, "what is kept is not told as JSON");
 }
