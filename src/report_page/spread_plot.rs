@@ -70,7 +70,7 @@ impl SpreadPlot {
             self.add_row(&mut svg, row, HEAD + ROW * (index as f64 + 0.5), &place);
         }
         let more = self.rows.len() - rows.len();
-        let more = if more > 0 { format!("; {more} more, all smaller") } else { String::new() };
+        let more = if more > 0 { format!("; {more} more, none larger") } else { String::new() };
         add(
             &mut svg,
             format_args!(
@@ -84,10 +84,11 @@ impl SpreadPlot {
 
     /// Returns the rows with the largest maxima, in their order.
     fn shown(&self) -> Vec<&Spread> {
-        let mut maxima: Vec<f64> = self.rows.iter().map(|row| row.values.max).collect();
-        maxima.sort_unstable_by(|a, b| b.total_cmp(a));
-        let least = maxima.get(ROWS_MAX - 1).copied().unwrap_or(f64::NEG_INFINITY);
-        self.rows.iter().filter(|row| row.values.max >= least).take(ROWS_MAX).collect()
+        let mut order: Vec<usize> = (0..self.rows.len()).collect();
+        order.sort_by(|a, b| self.rows[*b].values.max.total_cmp(&self.rows[*a].values.max));
+        order.truncate(ROWS_MAX);
+        order.sort_unstable();
+        order.into_iter().map(|index| &self.rows[index]).collect()
     }
 
     fn add_row(&self, svg: &mut String, row: &Spread, y: f64, place: &dyn Fn(f64) -> f64) {
@@ -161,5 +162,20 @@ mod tests {
         assert!(svg.contains("&lt;999&gt;") && svg.contains("936 more"), "{svg}");
         let none = SpreadPlot { title: "Errors".into(), unit: "px", rows: Vec::new() };
         assert_eq!(none.svg(), "");
+    }
+
+    #[test]
+    fn the_largest_are_kept_behind_many_that_are_equal() {
+        let row = |at: u32| Spread {
+            name: format!("row {at}"),
+            values: Quantiles::from_samples([if at < 70 { 0.0 } else { 10.0 }]),
+            bound: None,
+        };
+        let rows = (0..100).map(row).collect();
+        let plot = SpreadPlot { title: "Late".into(), unit: "ms", rows };
+        let names: Vec<String> = plot.shown().iter().map(|row| row.name.clone()).collect();
+        let wanted: Vec<String> = (0..34).chain(70..100).map(|at| format!("row {at}")).collect();
+        assert_eq!(names, wanted);
+        assert!(plot.svg().contains("36 more, none larger"), "{}", plot.svg());
     }
 }
