@@ -17,7 +17,7 @@ use anyhow::{Context, bail};
 use film_output::FilmOutput;
 use interruption::Interruption;
 use polyptych_client::blocking::Client;
-use polyptych_client::{Capture, ClientError, ReconnectPolicy};
+use polyptych_client::{Capture, ClientError, ReconnectPolicy, Revision};
 use polyptych_text::{counted, printable};
 use serde::Serialize;
 use wall_before::WallBefore;
@@ -40,6 +40,7 @@ const TRIES_MAX: u32 = 8;
 const RETURN_TIME_MAX: Duration = Duration::from_mins(1);
 
 /// Maximum time that a frame waits for detail that servers load where a budget holds a part of it.
+/// Behind one that waited in vain, no other waits before servers hold another part.
 const DETAIL_TIME_MAX: Duration = Duration::from_secs(15);
 
 /// Maximum number of frames that the report names in words.
@@ -81,7 +82,19 @@ struct FilmReport {
     written: u32,
     fps: f64,
     from_s: f64,
+    #[serde(flatten)]
+    flaws: FilmFlaws,
+}
+
+/// The flaws with which a film goes on.
+#[derive(Debug, Default, Serialize)]
+struct FilmFlaws {
     redrawn: Vec<RedrawnFrame>,
+    /// The number of frames that are in the film without detail that did not come in time.
+    without_detail: u32,
+    /// The state that was waited for in vain: it stays the same until servers hold another part.
+    #[serde(skip)]
+    awaited_in_vain: Option<Revision>,
 }
 
 /// A frame that was captured more than once.
@@ -100,8 +113,12 @@ struct RedrawnFrame {
 
 /// A source of pictures of a film.
 trait FilmSource {
-    /// Returns whether this frame will have more detail when it is drawn again.
-    fn awaits_detail(&mut self, time_s: f64) -> Result<bool, ClientError>;
+    /// Returns the state that this frame is drawn with if it will have more detail when it is drawn
+    /// again.
+    fn awaits_detail(&mut self, time_s: f64) -> Result<Option<Revision>, ClientError>;
+
+    /// Returns the time since the film began.
+    fn elapsed(&self) -> Duration;
 
     fn capture(&mut self, time_s: f64) -> Result<Capture, ClientError>;
 
@@ -117,17 +134,23 @@ struct WallSource<'a> {
     client: &'a Client,
     progress: &'a ProgressReport,
     interruption: &'a Interruption,
+    began: Instant,
     /// `true` if a budget of GPU memory may hold less than all detail: what it holds follows where
     /// frames are seen from.
     is_budgeted: bool,
 }
 
 impl FilmSource for WallSource<'_> {
-    fn awaits_detail(&mut self, time_s: f64) -> Result<bool, ClientError> {
+    fn awaits_detail(&mut self, time_s: f64) -> Result<Option<Revision>, ClientError> {
         if !self.is_budgeted {
-            return Ok(false);
+            return Ok(None);
         }
-        Ok(self.client.render_frame_at(None, Some(time_s))?.detail.awaits_detail)
+        let drawn = self.client.render_frame_at(None, Some(time_s))?;
+        Ok(drawn.detail.awaits_detail.then_some(drawn.revision))
+    }
+
+    fn elapsed(&self) -> Duration {
+        self.began.elapsed()
     }
 
     fn capture(&mut self, time_s: f64) -> Result<Capture, ClientError> {
@@ -168,7 +191,7 @@ pub(super) fn film(arguments: &FilmArguments) -> anyhow::Result<ExitCode> {
         written: 0,
         fps: arguments.fps,
         from_s,
-        redrawn: Vec::new(),
+        flaws: FilmFlaws::default(),
     };
     let before = WallBefore { pace: tour.pace, bounds: presentation.bounds };
     let interruption = Interruption::watch(client.clone(), before)?;
@@ -177,6 +200,7 @@ pub(super) fn film(arguments: &FilmArguments) -> anyhow::Result<ExitCode> {
         client: &client,
         progress: &progress,
         interruption: &interruption,
+        began: Instant::now(),
         is_budgeted,
     };
     let suspended = before.suspend(&client).map_err(anyhow::Error::from);
@@ -215,7 +239,7 @@ fn all_frames(
         let done = u64::from(frame) * 100 / u64::from(report.frames);
         progress.say(&format!("frame {frame} of {}", report.frames), u8::try_from(done).ok());
         let time_s = report.from_s + f64::from(frame) / report.fps;
-        let capture = whole_frame(source, frame, time_s, &mut report.redrawn)?;
+        let capture = whole_frame(source, frame, time_s, &mut report.flaws)?;
         output.write(frame, &capture)?;
         report.written += 1;
     }
@@ -230,16 +254,30 @@ fn is_lost(error: &ClientError) -> bool {
 }
 
 /// Draws a frame until it has the detail that servers hold for it, and no longer than
-/// [`DETAIL_TIME_MAX`].
-fn await_detail(source: &mut impl FilmSource, time_s: f64) -> Result<(), ClientError> {
-    let began = Instant::now();
-    while source.awaits_detail(time_s)? && !source.is_interrupted() {
-        if began.elapsed() >= DETAIL_TIME_MAX {
-            tracing::warn!(time_s, "detail has not come; the frame is filmed without it");
-            break;
+/// [`DETAIL_TIME_MAX`]; only once, where its state was waited for in vain before. Returns whether
+/// the frame has all of its detail.
+fn await_detail(
+    source: &mut impl FilmSource,
+    time_s: f64,
+    flaws: &mut FilmFlaws,
+) -> Result<bool, ClientError> {
+    let began = source.elapsed();
+    while let Some(revision) = source.awaits_detail(time_s)? {
+        if source.is_interrupted() || flaws.awaited_in_vain == Some(revision) {
+            return Ok(false);
+        }
+        if source.elapsed().saturating_sub(began) >= DETAIL_TIME_MAX {
+            flaws.awaited_in_vain = Some(revision);
+            if flaws.without_detail == 0 {
+                tracing::warn!(
+                    time_s,
+                    "detail has not come; frames are filmed without it, until servers load some"
+                );
+            }
+            return Ok(false);
         }
     }
-    Ok(())
+    Ok(true)
 }
 
 /// Captures a frame until all channels are in it.
@@ -250,19 +288,21 @@ fn whole_frame(
     source: &mut impl FilmSource,
     frame: u32,
     time_s: f64,
-    redrawn: &mut Vec<RedrawnFrame>,
+    flaws: &mut FilmFlaws,
 ) -> anyhow::Result<Capture> {
     let (mut missing, mut lost) = (Vec::<(String, String)>::new(), None);
     let mut began = None;
     for tries in 1..=TRIES_MAX {
-        match await_detail(source, time_s).and_then(|()| source.capture(time_s)) {
-            Ok(capture) if capture.missing.is_empty() => {
+        let detailed = await_detail(source, time_s, flaws);
+        match detailed.and_then(|it| Ok((it, source.capture(time_s)?))) {
+            Ok((has_detail, capture)) if capture.missing.is_empty() => {
+                flaws.without_detail += u32::from(!has_detail);
                 if tries > 1 {
-                    redrawn.push(RedrawnFrame { frame, time_s, tries, missing, lost });
+                    flaws.redrawn.push(RedrawnFrame { frame, time_s, tries, missing, lost });
                 }
                 return Ok(capture);
             }
-            Ok(capture) => {
+            Ok((_, capture)) => {
                 for (name, reason) in capture.missing {
                     if missing.iter().all(|(other, _)| *other != name) {
                         missing.push((name, reason));
@@ -293,7 +333,8 @@ fn named((name, reason): &(String, String)) -> String {
 }
 
 fn say_report(report: &FilmReport) -> anyhow::Result<()> {
-    let FilmReport { out, written, fps, from_s, redrawn, .. } = report;
+    let FilmReport { out, written, fps, from_s, flaws, .. } = report;
+    let FilmFlaws { redrawn, without_detail, .. } = flaws;
     let (frames, out) = (counted(*written, "frame"), printable(out));
     let again = match redrawn.len() {
         0 => "none".to_owned(),
@@ -308,144 +349,12 @@ fn say_report(report: &FilmReport) -> anyhow::Result<()> {
     if let Some(more @ 1..) = redrawn.len().checked_sub(NAMED_MAX) {
         say(format_args!("{} more; --json names all", counted(more, "redrawn frame")))?;
     }
+    if *without_detail > 0 {
+        let frames = counted(*without_detail, "frame");
+        say(format_args!("detail that did not come in time is missing from {frames}"))?;
+    }
     Ok(())
 }
 
 #[cfg(test)]
-mod tests {
-    use polyptych_client::FrameId;
-
-    use super::*;
-
-    /// A wall on which a channel is missing in these captures.
-    #[derive(Default)]
-    struct Script {
-        captures: u32,
-        draws: u32,
-        /// Draws after which more detail comes.
-        coarse: u32,
-        missing: Vec<u32>,
-        /// Captures during which the manager goes.
-        lost: Vec<u32>,
-        /// Captures that the manager does not answer.
-        unanswered: Vec<u32>,
-        waits: u32,
-        /// The capture during which the film is interrupted; 0 if it is not.
-        interrupted: u32,
-    }
-
-    impl FilmSource for Script {
-        fn awaits_detail(&mut self, _: f64) -> Result<bool, ClientError> {
-            self.draws += 1;
-            Ok(self.draws <= self.coarse)
-        }
-
-        fn capture(&mut self, _: f64) -> Result<Capture, ClientError> {
-            self.captures += 1;
-            if self.lost.contains(&self.captures) {
-                let (request, address) = ("capture the wall", "here".to_owned());
-                let reason = "it was killed".to_owned();
-                return Err(ClientError::ConnectionLost { request, address, reason });
-            }
-            if self.unanswered.contains(&self.captures) {
-                let (request, after) = ("capture the wall", Duration::from_mins(1));
-                return Err(ClientError::TimedOut { request, after });
-            }
-            let is_missing = self.missing.contains(&self.captures);
-            let missing = is_missing.then(|| ("left".to_owned(), "it is lost".to_owned()));
-            Ok(Capture {
-                frame: FrameId(u64::from(self.captures)),
-                screens: Vec::new(),
-                channels: Vec::new(),
-                missing: missing.into_iter().collect(),
-            })
-        }
-
-        fn await_channels(&mut self, _: Duration) -> anyhow::Result<()> {
-            self.waits += 1;
-            Ok(())
-        }
-
-        fn is_interrupted(&self) -> bool {
-            self.interrupted != 0 && self.captures >= self.interrupted
-        }
-    }
-
-    #[test]
-    fn a_frame_without_a_channel_is_captured_again_and_told() {
-        let mut script = Script { missing: vec![2, 4], lost: vec![3], ..Script::default() };
-        let mut redrawn = Vec::new();
-        for frame in 0..3 {
-            let time_s = f64::from(frame) * 0.5;
-            let capture = whole_frame(&mut script, frame, time_s, &mut redrawn).expect("whole");
-            assert!(capture.missing.is_empty());
-        }
-        assert_eq!((script.captures, script.waits), (6, 3));
-        let [RedrawnFrame { frame: 1, time_s: 0.5, tries: 4, missing, lost: Some(lost) }] =
-            &redrawn[..]
-        else {
-            panic!("{redrawn:?}");
-        };
-        assert_eq!(missing, &[("left".to_owned(), "it is lost".to_owned())]);
-        assert!(lost.contains("it was killed"), "{lost}");
-    }
-
-    #[test]
-    fn a_frame_whose_manager_hung_is_captured_again() {
-        let mut script = Script { unanswered: vec![1], ..Script::default() };
-        let mut redrawn = Vec::new();
-        whole_frame(&mut script, 0, 0.0, &mut redrawn).expect("whole");
-        assert_eq!((script.captures, script.waits), (2, 1));
-        let lost = redrawn[0].lost.as_deref().expect("a reason");
-        assert!(lost.contains("did not answer"), "{lost}");
-    }
-
-    #[test]
-    fn a_frame_is_captured_once_its_detail_is_there() {
-        let mut script = Script { coarse: 3, ..Script::default() };
-        whole_frame(&mut script, 0, 0.0, &mut Vec::new()).expect("whole");
-        assert_eq!((script.draws, script.captures), (4, 1));
-        let mut script = Script { coarse: u32::MAX, interrupted: 1, captures: 1, ..script };
-        whole_frame(&mut script, 0, 0.0, &mut Vec::new()).expect("whole");
-        assert_eq!((script.draws, script.captures), (5, 2), "an interrupted film waits no longer");
-    }
-
-    #[test]
-    fn a_channel_that_stays_away_ends_the_film() {
-        let (missing, lost) = ((1..100).collect(), Vec::new());
-        let mut script = Script { missing, lost, ..Script::default() };
-        let error = whole_frame(&mut script, 7, 0.0, &mut Vec::new()).expect_err("not whole");
-        assert!(
-            error.to_string().starts_with("frame 7 has no picture of channel left: it is lost")
-        );
-        assert_eq!((script.captures, script.waits), (TRIES_MAX, TRIES_MAX));
-        let (missing, lost) = (Vec::new(), (1..100).collect());
-        let mut script = Script { missing, lost, ..Script::default() };
-        let error = whole_frame(&mut script, 7, 0.0, &mut Vec::new()).expect_err("not whole");
-        assert!(error.to_string().starts_with("frame 7: the connection to the manager at here"));
-    }
-
-    #[test]
-    fn an_interrupted_film_ends_with_a_whole_frame_and_waits_for_no_channel() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let (frames, fps, out) = (100, 10.0, folder.path().display().to_string());
-        let begun = || {
-            let output = FilmOutput::new(folder.path(), fps).expect("a folder");
-            let (written, from_s, redrawn, out) = (0, 0.0, Vec::new(), out.clone());
-            (output, FilmReport { out, frames, written, fps, from_s, redrawn })
-        };
-        let (mut output, mut report) = begun();
-        let mut script = Script { interrupted: 3, ..Script::default() };
-        let silent = ProgressReport::Silent;
-        let ended = all_frames(&mut script, &mut output, &mut report, &silent);
-        assert_eq!(ended.expect_err("not whole").to_string(), "interrupted after 3 of 100 frames");
-        assert_eq!((script.captures, report.written), (3, 3));
-
-        let (mut output, mut report) = begun();
-        let missing = (1..100).collect();
-        let mut script = Script { interrupted: 1, missing, ..Script::default() };
-        let ended = all_frames(&mut script, &mut output, &mut report, &silent);
-        assert!(ended.expect_err("not whole").to_string().contains("channel left: it is lost"));
-        assert_eq!((script.captures, script.waits, report.written), (1, 0, 0));
-    }
-}
+mod tests;
