@@ -66,6 +66,9 @@ pub struct Prepare {
     pub base: Option<Revision>,
     /// The revision that they lead to.
     pub revision: Revision,
+    /// The revision that frames name now. Later ones that were prepared before are named by none:
+    /// they were refused, or are prepared anew.
+    pub shown: Revision,
     /// In order.
     pub operations: Vec<Operation>,
 }

@@ -20,7 +20,7 @@ use crossbeam_channel::{Receiver, Sender};
 use glam::DVec3;
 use polyptych_files::blob::{BlobHash, BlobStore};
 use polyptych_protocol::command::Prepare;
-use polyptych_protocol::ids::{Digest, Epoch};
+use polyptych_protocol::ids::{Digest, Epoch, Revision};
 use polyptych_protocol::server_message::{Prepared, ServerMessage};
 use polyptych_protocol::state_log::Replica;
 use polyptych_renderer::{MovedItems, SceneLayout};
@@ -86,8 +86,9 @@ impl LoadedState {
 #[derive(Debug)]
 pub(crate) enum Upload {
     /// A new scene begins; what it has in common with the one that was finished last is there
-    /// already, if so said. Of a scene within a budget it may be a part.
-    Begin { layout: Arc<SceneLayout>, shares: bool, is_part: bool },
+    /// already, if so said. Of a scene within a budget it may be a part. States that no frame names
+    /// any more make room for it.
+    Begin { layout: Arc<SceneLayout>, shares: bool, is_part: bool, shown: ShownState },
     /// The scene that was finished last is laid out otherwise, but for what was moved since.
     Relayout { layout: Arc<SceneLayout>, moved: Option<Arc<MovedItems>> },
     /// A texture of it.
@@ -100,6 +101,21 @@ pub(crate) enum Upload {
     Finish { state: Arc<LoadedState>, answer: SyncSender<Result<u64, String>> },
     /// The scene that began will not be finished.
     Abandon,
+}
+
+/// The state that frames name while the next one is got ready.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ShownState {
+    pub epoch: Epoch,
+    pub revision: Revision,
+}
+
+impl ShownState {
+    /// Returns whether a frame may still name a state that was got ready before. Of an older epoch
+    /// one may be on the displays.
+    pub fn allows(self, epoch: Epoch, revision: Revision) -> bool {
+        epoch != self.epoch || revision <= self.revision
+    }
 }
 
 /// A state to get ready, for one connection.
@@ -130,6 +146,7 @@ pub(crate) struct Loader {
     channels: Vec<String>,
     /// The state that was made ready last; the render thread still holds its scene.
     ready: Option<(Epoch, Replica)>,
+    shown: ShownState,
     ready_plans: Option<(Wall, Arc<CorrectionPlans>)>,
     ready_scene: Option<ReadyScene>,
     ready_environment: Option<LoadedEnvironment>,
@@ -157,6 +174,7 @@ impl Loader {
             ready_losses: 0,
             channels,
             ready: None,
+            shown: ShownState { epoch: Epoch(0), revision: Revision(0) },
             ready_plans: None,
             ready_scene: None,
             ready_environment: None,
@@ -211,6 +229,7 @@ impl Loader {
 
     fn load(&mut self, prepare: Prepare, line: &LoaderLink) -> Result<Prepared, String> {
         let epoch = prepare.epoch;
+        self.shown = ShownState { epoch, revision: prepare.shown };
         let losses = self.losses.load(Ordering::SeqCst);
         if std::mem::replace(&mut self.ready_losses, losses) != losses {
             self.ready_scene = None;

@@ -395,13 +395,13 @@ impl RenderThread {
 
     fn upload(&mut self, upload: Upload) {
         let uploaded = match upload {
-            Upload::Begin { layout, shares, is_part } => {
+            Upload::Begin { layout, shares, is_part, shown } => {
                 self.build_fault = None;
                 if !shares && self.losses.begin_scene(layout.content_bytes()) {
                     self.check_displays();
                 }
                 let latest = self.states.back().filter(|_| shares);
-                SceneBuilder::of(&self.gpu, layout)
+                let begun = SceneBuilder::of(&self.gpu, layout)
                     .map(|builder| builder.without_levels(self.losses.levels_left_out))
                     .map(|builder| if is_part { builder.in_separate_buffers() } else { builder })
                     .map(|builder| match latest {
@@ -409,7 +409,10 @@ impl RenderThread {
                         None => builder,
                     })
                     .map(|builder| self.building = Some(builder))
-                    .map_err(|error| error.to_string())
+                    .map_err(|error| error.to_string());
+                let is_named = |of: &LoadedState| shown.allows(of.epoch, of.replica.revision);
+                self.states.retain(|of| is_named(&of.state));
+                begun
             }
             Upload::Relayout { layout, moved } => {
                 self.relayout = Some((layout, moved));

@@ -99,6 +99,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         epoch: Epoch(1),
         base: Some(Revision(1)),
         revision: Revision(2),
+        shown: Revision(1),
         operations: vec![Operation::OpenScene(scene), Operation::CloseScene],
     };
     let prepared = Prepared {
@@ -185,7 +186,7 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         (encode(&HelloReply::Refused(Rejection { reason: "no".into() })), "00026e6f"),
         (
             encode(&Command::Prepare(prepare)),
-            "000101010202030174abababababababababababababababababababababababababababababababab04",
+            "00010101020102030174abababababababababababababababababababababababababababababababab04",
         ),
         (
             encode(&Command::Frame(frame())),

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::state_log::{Replica, SceneRef};
 use polyptych_renderer::{ContentPlace, SceneLayout};
 use polyptych_scene::residency::{MeshWeights, SeenFrom};
@@ -157,7 +158,7 @@ impl Loader {
 
     /// Gives the render thread what of a scene it has not yet.
     fn upload_content(
-        &self,
+        &mut self,
         ready: &ReadyScene,
         held: Option<&SceneLayout>,
         part: Option<&HeldPart>,
@@ -165,8 +166,13 @@ impl Loader {
     ) -> Result<(), String> {
         let layout = &ready.layout;
         let missing = layout.content_beyond(held);
-        let (shares, is_part) = (held.is_some(), part.is_some());
-        self.upload(Upload::Begin { layout: Arc::clone(layout), shares, is_part })?;
+        let (shares, is_part, shown) = (held.is_some(), part.is_some(), self.shown);
+        self.upload(Upload::Begin { layout: Arc::clone(layout), shares, is_part, shown })?;
+        let is_gone = |(epoch, of): &(Epoch, Replica)| !shown.allows(*epoch, of.revision);
+        if self.ready.as_ref().is_some_and(is_gone) {
+            // Should this one fail, the next must not build on it.
+            self.ready_scene = None;
+        }
         let order = BlobOrder { bulk: &line.bulk, check: &|| self.check(line) };
         let host_bytes = ready.budget.host_bytes();
         let wanted = missing.into_iter().map(|(hash, place)| {

@@ -4,13 +4,15 @@ use std::thread;
 
 use crossbeam_channel::bounded;
 use glam::{DAffine3, DVec3, Vec3};
-use polyptych_protocol::ids::Revision;
 use polyptych_protocol::state_log::{Operation, SceneRef};
 use polyptych_scene::{
     Edit, IndexFormat, Mesh, Node, NodeId, Primitive, Scene, Topology, VertexLayout,
 };
 
 use super::*;
+
+/// A revision that the render thread cannot make drawable.
+const FAILING: Revision = Revision(99);
 
 /// A loader whose cache has what a test writes, and a render thread that takes all.
 struct Stage {
@@ -58,7 +60,9 @@ impl Stage {
                     Upload::Relayout { moved: None, .. } => uploads.laid_out += 1,
                     Upload::Finish { state, answer } => {
                         finish(&state);
-                        answer.send(Ok(7)).expect("waited for");
+                        let is_fine = state.replica.revision != FAILING;
+                        let bytes = is_fine.then_some(7).ok_or_else(|| "no memory".to_owned());
+                        answer.send(bytes).expect("waited for");
                     }
                     _ => {}
                 }
@@ -79,7 +83,8 @@ impl Stage {
         reports
     }
 
-    /// Orders a scene of a mesh of so many primitives, drawn by so many nodes.
+    /// Orders a scene of a mesh of so many primitives, drawn by so many nodes. States that were
+    /// ready before were refused.
     fn order(&self, revision: u64, primitives: usize, nodes: usize) {
         let layout = VertexLayout::default();
         let bytes = vec![0; 3 * layout.stride() as usize + 6];
@@ -106,15 +111,17 @@ impl Stage {
         let manifest = self.cache.write(&polyptych_codec::encode(&scene)).expect("written");
         let operations = vec![Operation::OpenScene(SceneRef { name: "it".into(), manifest })];
         let revision = Revision(revision);
-        let prepare = Prepare { epoch: Epoch(1), base: None, revision, operations };
+        let (base, shown) = (None, Revision(0));
+        let prepare = Prepare { epoch: Epoch(1), base, revision, shown, operations };
         self.orders.send(LoadOrder { prepare, line: self.line.clone() }).expect("taken");
     }
 
     /// Orders edits of the scene, the state of which has the revision before.
     fn edit(&self, revision: u64, edits: Vec<Edit>) {
-        let (base, revision) = (Some(Revision(revision - 1)), Revision(revision));
+        let (shown, revision) = (Revision(revision - 1), Revision(revision));
         let operations = vec![Operation::EditScene(edits.into())];
-        let prepare = Prepare { epoch: Epoch(1), base, revision, operations };
+        let base = Some(shown);
+        let prepare = Prepare { epoch: Epoch(1), base, revision, shown, operations };
         self.orders.send(LoadOrder { prepare, line: self.line.clone() }).expect("taken");
     }
 
@@ -199,6 +206,27 @@ fn the_answer_for_a_state_that_was_replaced_while_it_was_finished_is_dropped() {
     };
     assert_eq!((prepared.revision, reports.try_recv().is_err()), (Revision(7), true));
     assert_eq!(stage.uploads.join().expect("no panic").begun, 2);
+}
+
+#[test]
+fn a_refused_scene_that_made_room_for_one_that_failed_is_brought_again() {
+    let mut stage = Stage::new();
+    let loader = stage.loader.take().expect("not run yet");
+    let thread = thread::Builder::new().name("loader".into()).spawn(|| loader.run());
+    for (revision, primitives) in [(1, 1), (FAILING.0, 2), (100, 1)] {
+        stage.order(revision, primitives, 1);
+        // One at a time: a newer one ends those before.
+        match stage.reports.blocking_recv().expect("an answer") {
+            RenderEvent::Status(ServerMessage::Prepared(of)) => assert_eq!(of.revision.0, revision),
+            RenderEvent::Status(ServerMessage::PrepareFailed { revision, .. }) => {
+                assert_eq!(revision, FAILING);
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    drop((stage.orders, stage.line));
+    thread.expect("a thread").join().expect("no panic");
+    assert_eq!(stage.uploads.join().expect("no panic").begun, 3);
 }
 
 #[test]

@@ -93,6 +93,7 @@ impl Cluster {
             epoch: self.epoch,
             base: (!is_whole).then_some(self.shown.revision),
             revision,
+            shown: self.shown.revision,
             operations: if is_whole {
                 underway.replica.snapshot()
             } else {

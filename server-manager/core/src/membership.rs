@@ -103,6 +103,7 @@ impl Cluster {
             epoch: self.epoch,
             base: None,
             revision: shown,
+            shown,
             operations: self.shown.snapshot(),
         };
         self.command(to_snapshot, Command::Prepare(snapshot));

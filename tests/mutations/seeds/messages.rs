@@ -175,10 +175,11 @@ fn commands() -> Vec<Command> {
         clips: vec![ClipTime { clip: 1, time_s: 2.5, weight: 0.5 }],
         is_metered: false,
     };
-    let (base, revision) = (Some(Revision(1)), Revision(2));
+    let (revision, shown) = (Revision(2), Revision(1));
+    let whole = Prepare { epoch: EPOCH, base: None, revision, shown, operations };
     vec![
-        Command::Prepare(Prepare { epoch: EPOCH, base: None, revision, operations }),
-        Command::Prepare(Prepare { epoch: EPOCH, base, revision, operations: Vec::new() }),
+        Command::Prepare(whole.clone()),
+        Command::Prepare(Prepare { base: Some(shown), operations: Vec::new(), ..whole }),
         Command::Frame(frame),
         Command::Swap(Swap {
             epoch: EPOCH,

@@ -9,6 +9,7 @@ use polyptych_scene::LightEffects;
 
 use super::*;
 use crate::correction::tests::harness::{MeshFixture, SceneFixture, gpu, matt};
+use crate::loader::ShownState;
 
 /// Cards of one mesh, beside each other.
 pub(super) fn cards(count: u32) -> SceneFixture {
@@ -116,6 +117,25 @@ fn a_preparation_that_another_one_replaces_has_no_answer_and_is_never_drawn() {
 }
 
 #[test]
+fn a_refused_part_makes_room_for_the_next_one_and_a_shown_one_stays() {
+    let (mut stage, state) = shown();
+    let fog = LightEffects { fog: true, ..LightEffects::default() };
+    let next = with_effects(&state, fog);
+    finish(&mut stage.thread, Arc::clone(&next));
+    let layout = SceneLayout::new(SceneFixture::new().desc, &|| false).expect("sound");
+    let layout = Arc::new(layout);
+    let mut held_beside = |of: &LoadedState| {
+        let shown = ShownState { epoch: EPOCH, revision: of.replica.revision };
+        let layout = Arc::clone(&layout);
+        stage.thread.upload(Upload::Begin { layout, shares: true, is_part: true, shown });
+        stage.thread.states.iter().map(|of| of.state.replica.revision).collect::<Vec<_>>()
+    };
+    let both = [state.replica.revision, next.replica.revision];
+    assert_eq!(held_beside(&next), both, "no frame has named the latest yet");
+    assert_eq!(held_beside(&state), both[..1], "the latest was refused");
+}
+
+#[test]
 fn a_part_whose_upload_failed_is_not_taken_for_prepared() {
     let (mut stage, state) = shown();
     let mut scene = SceneFixture::new();
@@ -129,7 +149,8 @@ fn a_part_whose_upload_failed_is_not_taken_for_prepared() {
         answered.recv().expect("answered")
     };
     // Of the same scene, which is there, but not with what has come of it now.
-    stage.thread.upload(Upload::Begin { layout, shares: false, is_part: true });
+    let shown = ShownState { epoch: EPOCH, revision: next.replica.revision };
+    stage.thread.upload(Upload::Begin { layout, shares: false, is_part: true, shown });
     let bytes = Bytes::from_static(b"cut short");
     stage.thread.upload(Upload::Primitive { mesh: 0, primitive: 0, bytes });
     let reason = finish(&mut stage).expect_err("the scene before was taken for it");

@@ -164,6 +164,9 @@ fn a_part_that_a_server_cannot_get_leaves_the_wall_as_it_was_and_is_tried_again(
     assert_eq!(stage.prepares.len(), 2);
     stage.prepares.retain(|(_, prepare)| prepare.revision > refused.revision);
     assert_eq!(stage.prepares.len(), 2, "another number than that of the refused one");
+    let shown = stage.cluster.shown.revision;
+    assert!(shown < refused.revision, "servers are told that frames do not name it");
+    assert!(stage.prepares.iter().all(|(_, prepare)| prepare.shown == shown));
     stage.prepare_all();
     assert_eq!(stage.cluster.shown.seen_from.len(), 1);
 }

@@ -258,6 +258,8 @@ impl InvariantChecker {
             }
             joined.scene = scene;
             joined.prepared.remove(&prepare.revision);
+            // Servers may forget the others.
+            joined.prepared.retain(|revision| *revision <= prepare.shown);
         }
         Ok(())
     }

@@ -414,6 +414,8 @@ impl Simulation {
         }
         let Some((prepare, _)) = server.orders.front() else { return };
         server.is_loading = true;
+        let (epoch, shown) = (prepare.epoch, prepare.shown);
+        server.states.retain(|of| of.epoch != epoch || of.revision() <= shown);
         let is_failing = self.now < server.trouble.loads_fail_until;
         let loaded = match server.fold(prepare) {
             Ok(_) if is_failing => Err("out of memory".to_owned()),
