@@ -18,7 +18,7 @@ use std::collections::{BinaryHeap, HashMap};
 use polyptych_files::blob::BlobHash;
 
 use super::{IndexFormat, Mesh, Primitive, Scene, Texture, Topology, VertexLayout};
-pub use seen_from::{MeshWeights, SeenFrom};
+pub use seen_from::{MeshWeights, NodeWeights, SeenFrom};
 
 /// Longest side in pixels of a texture of which no level is left out: others take the memory.
 pub const SMALL_TEXTURE_SIDE: u32 = 64;

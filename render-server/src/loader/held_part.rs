@@ -1,12 +1,15 @@
 //! The part of a scene that is loaded within the wall's budgets of memory.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use bytes::Bytes;
 use polyptych_renderer::ContentPlace;
-use polyptych_scene::residency::{BudgetTooSmall, MeshWeights, Residency, SeenFrom};
-use polyptych_scene::{Mesh, Primitive, Scene, Texture};
+use polyptych_scene::residency::{BudgetTooSmall, NodeWeights, Residency, SeenFrom};
+use polyptych_scene::{Mesh, PlacedNodes, Primitive, Scene, SceneEdits, Texture};
 use polyptych_wall::MemoryBudget;
+
+use super::moves;
 
 /// Meshes and textures of which only a part is loaded.
 #[derive(Debug)]
@@ -15,11 +18,36 @@ pub(super) struct HeldPart {
     meshes: Vec<Mesh>,
     textures: Vec<Texture>,
     /// What it was chosen by.
-    pub weights: MeshWeights,
+    pub weights: Arc<NodeWeights>,
     /// The finest level of each mesh that is held.
     pub levels: Vec<u32>,
     /// The warning of what is missing, for the operator.
     pub warning: Option<String>,
+}
+
+/// The places by which a part was chosen, and how far they may move.
+#[derive(Clone, Debug)]
+pub(super) struct ChosenPart {
+    weights: Arc<NodeWeights>,
+    /// The nodes as they were weighed.
+    placed: Arc<PlacedNodes>,
+    /// See [`polyptych_scene::residency::MeshWeights::reach`].
+    pub reach: f64,
+}
+
+impl ChosenPart {
+    pub fn new(part: &HeldPart, placed: Arc<PlacedNodes>) -> Self {
+        let (weights, reach) = (Arc::clone(&part.weights), part.weights.mesh_weights().reach);
+        Self { weights, placed, reach }
+    }
+
+    /// Returns the same part with other edits, seen from the same places. `None` where another one
+    /// may be chosen then. It costs what was moved since this one was.
+    pub fn after(&self, base: &Scene, edits: &SceneEdits) -> Option<Self> {
+        let moved = self.placed.moved(base, edits)?;
+        let reach = self.weights.reach_after(&moved, |node| moves::instances(base, node))?;
+        Some(Self { reach, ..self.clone() })
+    }
 }
 
 impl HeldPart {
@@ -38,8 +66,9 @@ impl HeldPart {
         let (Some(bytes), Some(mib)) = (budget.gpu_bytes(), budget.gpu_mib) else {
             return Ok(None);
         };
-        let weights = MeshWeights::new(edited, seen_from);
-        let held = Residency::choose(&edited.meshes, &edited.textures, &weights.each, bytes);
+        let weights = Arc::new(NodeWeights::new(edited, seen_from));
+        let each = weights.mesh_weights().each;
+        let held = Residency::choose(&edited.meshes, &edited.textures, &each, bytes);
         let held = held.map_err(|BudgetTooSmall { least }| {
             let least = least.div_ceil(1 << 20);
             format!(

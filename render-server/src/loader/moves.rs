@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use polyptych_renderer::{MovedItems, MovedNode};
-use polyptych_scene::SceneEdits;
+use polyptych_scene::{Instance, NodeId, Scene, SceneEdits};
 
 use super::ReadyScene;
 
@@ -15,16 +15,17 @@ pub(super) fn moved_items(ready: &ReadyScene, edits: &SceneEdits) -> Option<Move
     if ready.placed.has_light(&places) {
         return None;
     }
-    let nodes = places.iter().map(|place| {
-        // Those that were made since have none.
-        let instances = usize::try_from(place.node.0)
-            .ok()
-            .and_then(|index| ready.base.nodes.get(index))
-            .map_or(&[][..], |node| &node.instances);
-        MovedNode::new(place.index, place.world, instances)
-    });
+    let nodes = places
+        .iter()
+        .map(|place| MovedNode::new(place.index, place.world, instances(&ready.base, place.node)));
     let moved = MovedItems::new(&ready.layout, nodes)?;
     let (nodes, items, move_us) = (places.len(), moved.len(), start.elapsed().as_micros() as u64);
     tracing::debug!(nodes, items, move_us, "nodes were moved");
     Some(moved)
+}
+
+/// The copies of the mesh of a node; nodes that were made by edits have none.
+pub(super) fn instances(base: &Scene, node: NodeId) -> &[Instance] {
+    let index = usize::try_from(node.0).ok();
+    index.and_then(|index| base.nodes.get(index)).map_or(&[][..], |node| &node.instances)
 }

@@ -5,12 +5,12 @@ use std::sync::Arc;
 use polyptych_protocol::ids::Epoch;
 use polyptych_protocol::state_log::{Replica, SceneRef};
 use polyptych_renderer::{ContentPlace, SceneLayout};
-use polyptych_scene::residency::{MeshWeights, SeenFrom};
+use polyptych_scene::residency::SeenFrom;
 use polyptych_scene::{AssetManifests, Motion, NodeTraits, PlacedNodes, Scene, SceneFeatures};
 use polyptych_wall::MemoryBudget;
 use polyptych_wall::camera::Camera;
 
-use super::held_part::{self, HeldPart};
+use super::held_part::{self, ChosenPart, HeldPart};
 use super::{Loader, LoaderLink, SceneVersion, Upload, moves};
 use crate::blob_sources::BlobOrder;
 use crate::frame_views;
@@ -21,8 +21,8 @@ pub(super) struct ReadyScene {
     pub version: SceneVersion,
     /// The budgets that it was loaded within.
     pub budget: MemoryBudget,
-    /// What its part was chosen by, and for which places; `None` if all of it is held.
-    pub weights: Option<MeshWeights>,
+    /// The choice of its part, for the places that it is seen from; `None` if all of it is held.
+    pub part: Option<ChosenPart>,
     /// The finest level of each mesh that is held of a part.
     pub levels: Vec<u32>,
     pub seen_from: Vec<SeenFrom>,
@@ -42,8 +42,8 @@ impl ReadyScene {
     /// See [`polyptych_protocol::server_message::Prepared::detail_reach`]. Where textures alone are
     /// left without levels, they are wherever they are seen from.
     pub fn detail_reach(&self) -> Option<f64> {
-        let weights = self.weights.as_ref().filter(|_| self.levels.iter().any(|level| *level > 0));
-        weights.map(|weights| weights.reach.min(f64::MAX))
+        let part = self.part.as_ref().filter(|_| self.levels.iter().any(|level| *level > 0));
+        part.map(|part| part.reach.min(f64::MAX))
     }
 }
 
@@ -60,7 +60,7 @@ impl Loader {
         let is_it = |of: &&ReadyScene| of.version.manifest == scene.manifest && of.budget == budget;
         let before = ready.as_ref().filter(is_it);
         let is_same = |of: &&ReadyScene| {
-            of.version == version && (of.weights.is_none() || of.seen_from == replica.seen_from)
+            of.version == version && (of.part.is_none() || of.seen_from == replica.seen_from)
         };
         if let Some(ready) = before.filter(is_same) {
             return Ok(ready.clone());
@@ -99,12 +99,12 @@ impl Loader {
         let (layout, held) = (self.layout(edited, &traits, line)?, before.map(|of| &*of.layout));
         let is_known = before.is_some_and(|before| before.added.keys().eq(added.keys()))
             && held.is_some_and(|held| layout.shares_content_with(held));
-        let weights = part.as_ref().map(|part| part.weights.clone());
+        let chosen = part.as_ref().map(|part| ChosenPart::new(part, Arc::clone(&placed)));
         let levels = part.as_ref().map(|part| part.levels.clone()).unwrap_or_default();
         let ready = ReadyScene {
             version,
             budget,
-            weights,
+            part: chosen,
             levels,
             seen_from,
             base,
@@ -119,7 +119,7 @@ impl Loader {
             self.upload(Upload::Relayout { layout: Arc::clone(&ready.layout), moved: None })?;
         } else {
             // What is in buffers that others share would keep their memory.
-            let is_alike = before.is_some_and(|of| of.weights.is_some() == part.is_some());
+            let is_alike = before.is_some_and(|of| of.part.is_some() == part.is_some());
             self.upload_content(&ready, held.filter(|_| is_alike), part.as_ref(), line)?;
         }
         Ok(ready)
@@ -135,17 +135,19 @@ impl Loader {
         replica: &Replica,
     ) -> Result<Option<ReadyScene>, String> {
         // A part is chosen by where nodes stand and what sees them, all of a scene by nothing.
-        let mut weights = None;
-        if before.weights.is_some() {
-            let (mut edited, _) = replica.edits.apply_to(&before.base, added);
-            let part = HeldPart::limit(&mut edited, &replica.seen_from, before.budget)?;
-            let Some(part) = part.filter(|part| part.levels == before.levels) else {
+        let chosen = before.part.as_ref().filter(|_| before.seen_from == replica.seen_from);
+        let mut part = chosen.and_then(|part| part.after(&before.base, &replica.edits));
+        if before.part.is_some() && part.is_none() {
+            let (mut edited, ids) = replica.edits.apply_to(&before.base, added);
+            let held = HeldPart::limit(&mut edited, &replica.seen_from, before.budget)?;
+            let Some(held) = held.filter(|held| held.levels == before.levels) else {
                 return Ok(None);
             };
-            weights = Some(part.weights);
+            let placed = PlacedNodes::new(&edited.nodes, ids, replica.edits.clone());
+            part = Some(ChosenPart::new(&held, Arc::new(placed)));
         }
         let seen_from = replica.seen_from.clone();
-        let kept = ReadyScene { weights, seen_from, ..before.clone() };
+        let kept = ReadyScene { part, seen_from, ..before.clone() };
         if before.version == version {
             return Ok(Some(kept));
         }

@@ -1,9 +1,12 @@
 //! The places that a scene is seen from, and how much an error of each mesh matters there.
 
+use std::collections::BTreeMap;
+
 use glam::{DAffine3, DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::{Mesh, Node, Scene};
+use crate::edit::NodeId;
+use crate::{Instance, Mesh, MovedPlace, Scene};
 
 /// Share of the radius of a mesh that an eye is never nearer to it than: an eye in the middle of a
 /// terrain sees the ground from somewhere above it.
@@ -38,6 +41,22 @@ pub struct MeshWeights {
     pub reach: f64,
 }
 
+/// The weights of the meshes of a scene at each node that draws one: where nodes are moved, it
+/// costs no more than they are to find whether all is as before.
+#[derive(Debug)]
+pub struct NodeWeights {
+    places: Vec<SeenFrom>,
+    /// The box of each mesh, and whether it has cuts: of another one all is held, wherever it is
+    /// seen from.
+    meshes: Vec<([DVec3; 2], bool)>,
+    /// The mesh of each node, by the node's index.
+    mesh_of: Vec<Option<usize>>,
+    /// The weights of each mesh with the nodes that have them, the largest first.
+    largest: Vec<Vec<(f64, u32)>>,
+    /// The distances by which places may move for the sake of a node, the smallest first.
+    nearest: Vec<(f64, u32)>,
+}
+
 impl SeenFrom {
     /// Returns whether what is held for one place serves another.
     pub fn is_near(&self, other: &Self, reach: f64) -> bool {
@@ -52,24 +71,83 @@ impl MeshWeights {
     /// Weighs the meshes of a scene, where its nodes stand, for places that it is seen from; by
     /// their size in the world alone if there are none.
     pub fn new(scene: &Scene, places: &[SeenFrom]) -> Self {
-        let boxes: Vec<_> = scene.meshes.iter().map(mesh_box).collect();
-        let mut weights = Self { each: vec![0.0; scene.meshes.len()], reach: f64::INFINITY };
-        for (node, world) in scene.nodes.iter().zip(scene.world_from_nodes()) {
-            let Some(mesh) = node.mesh.map(|mesh| mesh as usize) else { continue };
-            let Some(&bounds) = boxes.get(mesh) else { continue };
-            let has_cuts = scene.meshes[mesh].primitives.iter().any(|of| !of.cuts.is_empty());
-            for world_from_copy in copies(node, world) {
-                let (weight, reach) = weigh(&world_from_copy, bounds, places);
-                weights.each[mesh] = weights.each[mesh].max(weight);
-                if has_cuts {
-                    weights.reach = weights.reach.min(reach);
-                }
-            }
+        NodeWeights::new(scene, places).mesh_weights()
+    }
+}
+
+impl NodeWeights {
+    /// Weighs the meshes of a scene as [`MeshWeights::new`] does.
+    pub fn new(scene: &Scene, places: &[SeenFrom]) -> Self {
+        let has_cuts = |mesh: &Mesh| mesh.primitives.iter().any(|of| !of.cuts.is_empty());
+        let meshes = scene.meshes.iter().map(|mesh| (mesh_box(mesh), has_cuts(mesh)));
+        let mesh = |of: Option<u32>| Some(of? as usize).filter(|mesh| *mesh < scene.meshes.len());
+        let mut weights = Self {
+            places: places.to_vec(),
+            meshes: meshes.collect(),
+            mesh_of: scene.nodes.iter().map(|node| mesh(node.mesh)).collect(),
+            largest: vec![Vec::new(); scene.meshes.len()],
+            nearest: Vec::new(),
+        };
+        let nodes = scene.nodes.iter().zip(scene.world_from_nodes());
+        for (index, (node, world)) in (0..).zip(nodes) {
+            let Some(mesh) = mesh(node.mesh) else { continue };
+            let (weight, reach) = weights.weigh(mesh, world, &node.instances);
+            weights.largest[mesh].push((weight, index));
+            weights.nearest.extend(reach.map(|reach| (reach, index)));
         }
-        for weight in &mut weights.each {
-            *weight = rounded(*weight);
+        for of in &mut weights.largest {
+            of.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
         }
+        weights.nearest.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         weights
+    }
+
+    /// Returns the weights of the meshes.
+    pub fn mesh_weights(&self) -> MeshWeights {
+        let each = (0..self.meshes.len()).map(|mesh| self.mesh_weight(mesh)).collect();
+        let reach = self.nearest.first().map_or(f64::INFINITY, |(reach, _)| *reach);
+        MeshWeights { each, reach }
+    }
+
+    fn mesh_weight(&self, mesh: usize) -> f64 {
+        rounded(self.largest[mesh].first().map_or(0.0, |(weight, _)| *weight))
+    }
+
+    /// Returns the [`MeshWeights::reach`] once these nodes, in the order of their indices, stand
+    /// elsewhere; `None` if the weight of a mesh is another one then.
+    pub fn reach_after<'a>(
+        &self,
+        moved: &[MovedPlace],
+        instances: impl Fn(NodeId) -> &'a [Instance],
+    ) -> Option<f64> {
+        let has_moved = |node: u32| moved.binary_search_by_key(&node, |of| of.index).is_ok();
+        let first_still = |of: &[(f64, u32)]| {
+            of.iter().find(|(_, node)| !has_moved(*node)).map(|(value, _)| *value)
+        };
+        let mut reach = first_still(&self.nearest).unwrap_or(f64::INFINITY);
+        let mut weights = BTreeMap::new();
+        for of in moved {
+            let Some(mesh) = *self.mesh_of.get(of.index as usize)? else { continue };
+            let (weight, near) = self.weigh(mesh, of.world, instances(of.node));
+            let still = || first_still(&self.largest[mesh]).unwrap_or(0.0);
+            let largest: &mut f64 = weights.entry(mesh).or_insert_with(still);
+            *largest = largest.max(weight);
+            reach = reach.min(near.unwrap_or(f64::INFINITY));
+        }
+        let is_same = |(mesh, weight): (&usize, &f64)| rounded(*weight) == self.mesh_weight(*mesh);
+        weights.iter().all(is_same).then_some(reach)
+    }
+
+    /// The weight of a mesh at a node, and by how far each place may move for its sake, if it
+    /// matters.
+    fn weigh(&self, mesh: usize, world: DAffine3, instances: &[Instance]) -> (f64, Option<f64>) {
+        let (bounds, has_cuts) = self.meshes[mesh];
+        let (mut weight, mut reach) = (0.0_f64, f64::INFINITY);
+        for world_from_copy in copies(world, instances) {
+            let (of_copy, near) = weigh(&world_from_copy, bounds, &self.places);
+            (weight, reach) = (weight.max(of_copy), reach.min(near));
+        }
+        (weight, has_cuts.then_some(reach))
     }
 }
 
@@ -117,9 +195,9 @@ fn mesh_box(mesh: &Mesh) -> [DVec3; 2] {
 }
 
 /// World space from each copy of the mesh of a node.
-fn copies(node: &Node, world: DAffine3) -> impl Iterator<Item = DAffine3> {
-    let once = node.instances.is_empty().then_some(world);
-    let copies = node.instances.iter().map(move |of| {
+fn copies(world: DAffine3, instances: &[Instance]) -> impl Iterator<Item = DAffine3> {
+    let once = instances.is_empty().then_some(world);
+    let copies = instances.iter().map(move |of| {
         let [scale, translation] = [of.scale, of.translation].map(glam::Vec3::as_dvec3);
         let local =
             DAffine3::from_scale_rotation_translation(scale, of.rotation.as_dquat(), translation);

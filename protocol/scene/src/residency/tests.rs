@@ -6,8 +6,10 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::deformation::DeformedPrimitive;
+use crate::edit::NodeId;
 use crate::{
-    IndexFormat, LevelCut, Node, Primitive, Sampler, TextureFormat, Topology, VertexLayout,
+    IndexFormat, LevelCut, MovedPlace, Node, Primitive, Sampler, TextureFormat, Topology,
+    VertexLayout,
 };
 
 /// A primitive of so many triangles, with a cut for each of these shares of them, the largest one
@@ -262,6 +264,31 @@ fn weights_are_pixels_at_the_nearest_point_of_the_nearest_copy() {
     let inside = MeshWeights::new(&scene, &[eye(10.5, 0.5, 0.5)]);
     let nearest = 0.75_f64.sqrt() / 16.0;
     assert_eq!((inside.each[0], inside.reach), (24576.0, nearest / 4.0));
+}
+
+proptest! {
+    #[test]
+    fn moves_that_change_no_weight_change_the_reach_as_for_the_scene_anew(
+        places in prop::collection::vec(-60.0..60.0f64, 12),
+        moves in prop::collection::btree_map(0u32..12, -4.0..4.0f64, 0..5),
+    ) {
+        let at = |x: f64| DAffine3::from_translation(DVec3::new(x, 0.0, 0.0));
+        let nodes = (0..).zip(&places).map(|(index, x)| node(index % 3, at(*x), None)).collect();
+        let whole = mesh(vec![primitive(2, 100, &[])]);
+        let mut scene = Scene { meshes: vec![cube(), cube(), whole], nodes, ..Scene::default() };
+        let seen_from = [eye(0.0, 5.0, 0.5)];
+        let before = NodeWeights::new(&scene, &seen_from);
+        let mut moved = Vec::new();
+        for (index, by) in moves {
+            let local = at(places[index as usize] + by);
+            scene.nodes[index as usize].local = local;
+            let node = NodeId(u64::from(index));
+            moved.push(MovedPlace { index, node, local, world: local });
+        }
+        let anew = MeshWeights::new(&scene, &seen_from);
+        let expected = (anew.each == before.mesh_weights().each).then_some(anew.reach);
+        prop_assert_eq!(before.reach_after(&moved, |_| &[][..]), expected);
+    }
 }
 
 #[test]
