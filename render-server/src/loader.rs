@@ -247,9 +247,6 @@ impl Loader {
             None => None,
             Some(scene) => Some(self.load_scene(scene, &replica, line)?),
         };
-        if scene.is_none() {
-            self.sources.set_memory_warning(None);
-        }
         let environment = self.load_environment(&replica, scene.as_ref(), line)?;
         let digest = replica.digest();
         let revision = replica.revision;
@@ -271,6 +268,7 @@ impl Loader {
         self.upload(Upload::Finish { state: Arc::new(state), answer })?;
         let scene_bytes = finished.recv().map_err(|_| "the render thread has ended")??;
         self.ready = Some((epoch, replica));
+        self.sources.set_memory_warning(scene.as_ref().and_then(|scene| scene.warning.clone()));
         let mut features = scene.as_ref().map_or_else(SceneFeatures::default, |of| of.features);
         features.environment = environment.is_some();
         let features = features.names().into_iter().map(Into::into).collect();

@@ -25,6 +25,8 @@ pub(super) struct ReadyScene {
     pub part: Option<ChosenPart>,
     /// The finest level of each mesh that is held of a part.
     pub levels: Vec<u32>,
+    /// The warning of what its part is missing, for the operator.
+    pub warning: Option<String>,
     pub seen_from: Vec<SeenFrom>,
     /// The scene of its file, without changes.
     pub base: Arc<Scene>,
@@ -87,7 +89,6 @@ impl Loader {
             return Err(format!("scene {} as it was edited: {fault}", scene.name));
         }
         let part = HeldPart::limit(&mut edited, &seen_from, budget)?;
-        self.sources.set_memory_warning(part.as_ref().and_then(|part| part.warning.clone()));
         let features = SceneFeatures::from_scene(&edited);
         let warm_up = frame_views::warm_up_camera(&edited);
         let placed = PlacedNodes::new(&edited.nodes, traits.ids.clone(), replica.edits.clone());
@@ -101,11 +102,13 @@ impl Loader {
             && held.is_some_and(|held| layout.shares_content_with(held));
         let chosen = part.as_ref().map(|part| ChosenPart::new(part, Arc::clone(&placed)));
         let levels = part.as_ref().map(|part| part.levels.clone()).unwrap_or_default();
+        let warning = part.as_ref().and_then(|part| part.warning.clone());
         let ready = ReadyScene {
             version,
             budget,
             part: chosen,
             levels,
+            warning,
             seen_from,
             base,
             added,

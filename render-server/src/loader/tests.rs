@@ -6,7 +6,8 @@ use crossbeam_channel::bounded;
 use glam::{DAffine3, DVec3, Vec3};
 use polyptych_protocol::state_log::{Operation, SceneRef};
 use polyptych_scene::{
-    Edit, IndexFormat, Mesh, Node, NodeId, Primitive, Scene, Topology, VertexLayout,
+    Edit, IndexFormat, Mesh, Node, NodeId, Primitive, Sampler, Scene, Texture, TextureFormat,
+    Topology, VertexLayout,
 };
 
 use super::*;
@@ -86,30 +87,18 @@ impl Stage {
     /// Orders a scene of a mesh of so many primitives, drawn by so many nodes. States that were
     /// ready before were refused.
     fn order(&self, revision: u64, primitives: usize, nodes: usize) {
-        let layout = VertexLayout::default();
-        let bytes = vec![0; 3 * layout.stride() as usize + 6];
-        let primitive = Primitive {
-            blob: self.cache.write(&bytes).expect("written"),
-            layout,
-            vertex_count: 3,
-            index_count: 3,
-            coarser_index_count: 0,
-            meshlet_count: 0,
-            cuts: Vec::new(),
-            finest_level: 0,
-            deformed: None,
-            index_format: IndexFormat::U16,
-            topology: Topology::Triangles,
-            material: None,
-            origin: DVec3::ZERO,
-            min: Vec3::ZERO,
-            max: Vec3::ONE,
-        };
+        let bytes = vec![0; 3 * VertexLayout::default().stride() as usize + 6];
+        let blob = self.cache.write(&bytes).expect("written");
         let node = Node { mesh: Some(0), ..Node::default() };
-        let mesh = Mesh { name: String::new(), primitives: vec![primitive; primitives] };
+        let mesh = Mesh { name: String::new(), primitives: vec![triangle(blob); primitives] };
         let scene = Scene { nodes: vec![node; nodes], meshes: vec![mesh], ..Scene::default() };
-        let manifest = self.cache.write(&polyptych_codec::encode(&scene)).expect("written");
-        let operations = vec![Operation::OpenScene(SceneRef { name: "it".into(), manifest })];
+        self.open(revision, &scene, Vec::new());
+    }
+
+    /// Orders a scene, behind these operations.
+    fn open(&self, revision: u64, scene: &Scene, mut operations: Vec<Operation>) {
+        let manifest = self.cache.write(&polyptych_codec::encode(scene)).expect("written");
+        operations.push(Operation::OpenScene(SceneRef { name: "it".into(), manifest }));
         let revision = Revision(revision);
         let (base, shown) = (None, Revision(0));
         let prepare = Prepare { epoch: Epoch(1), base, revision, shown, operations };
@@ -139,6 +128,27 @@ impl Stage {
             });
         }
         (said, self.uploads.join().expect("no panic"))
+    }
+}
+
+/// A triangle whose vertices and indices are in this blob.
+fn triangle(blob: BlobHash) -> Primitive {
+    Primitive {
+        blob,
+        layout: VertexLayout::default(),
+        vertex_count: 3,
+        index_count: 3,
+        coarser_index_count: 0,
+        meshlet_count: 0,
+        cuts: Vec::new(),
+        finest_level: 0,
+        deformed: None,
+        index_format: IndexFormat::U16,
+        topology: Topology::Triangles,
+        material: None,
+        origin: DVec3::ZERO,
+        min: Vec3::ZERO,
+        max: Vec3::ONE,
     }
 }
 
@@ -268,4 +278,49 @@ fn moves_are_laid_over_the_layout_and_other_edits_lay_out_anew() {
     // Node 4 stands in the layout that was made without node 5 as it was moved before.
     let expected = Uploads { begun: 1, laid_out: 2, moved: vec![1, 1, 2, 0] };
     assert_eq!(uploads, expected);
+}
+
+#[test]
+fn a_scene_whose_textures_are_reduced_is_warned_of_also_behind_one_that_failed() {
+    let mut stage = Stage::new();
+    let loader = stage.loader.take().expect("not run yet");
+    let thread = thread::Builder::new().name("loader".into()).spawn(|| loader.run());
+    let mut large = Texture {
+        blob: BlobHash::of(b""),
+        format: TextureFormat::Rgba8Srgb,
+        width: 512,
+        height: 512,
+        mip_count: 10,
+        sampler: Sampler::default(),
+    };
+    large.blob = stage.cache.write(&vec![0; large.bytes() as usize]).expect("written");
+    let reduced = Scene { textures: vec![large], ..Scene::default() };
+    let primitives = vec![triangle(BlobHash::of(b"nowhere"))];
+    let mesh = Mesh { name: String::new(), primitives };
+    let missing = Scene { meshes: vec![mesh], ..Scene::default() };
+    let mut wall = Wall::new("test", Vec::new(), Vec::new());
+    wall.budget.gpu_mib = Some(1);
+    let (mut warning, mut were_ready) = (None, Vec::new());
+    for (revision, scene) in (1..).zip([&reduced, &missing, &reduced]) {
+        stage.open(revision, scene, vec![Operation::SetWall(Box::new(wall.clone()))]);
+        // The warning comes behind the answer; the next order may come before.
+        while were_ready.len() < revision as usize {
+            match stage.reports.blocking_recv().expect("an answer") {
+                RenderEvent::Status(ServerMessage::Storage { warning: told }) => warning = told,
+                RenderEvent::Status(ServerMessage::Prepared(_)) => were_ready.push(true),
+                RenderEvent::Status(ServerMessage::PrepareFailed { .. }) => were_ready.push(false),
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+    assert_eq!(were_ready, [true, false, true]);
+    drop((stage.orders, stage.line));
+    thread.expect("a thread").join().expect("no panic");
+    while let Ok(RenderEvent::Status(ServerMessage::Storage { warning: told })) =
+        stage.reports.try_recv()
+    {
+        warning = told;
+    }
+    let warning = warning.expect("its textures are reduced still");
+    assert!(warning.contains("1/2 of their width and height"), "{warning}");
 }
