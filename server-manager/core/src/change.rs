@@ -385,8 +385,10 @@ impl Cluster {
         if !is_live || !self.changes.refused_unseen.insert(session) {
             return false;
         }
-        if let Some(server) = self.registry.server_mut(session) {
-            server.prepared = Some(shown);
+        if let Some(server) = self.registry.server_mut(session)
+            && server.prepared.replace(shown) != Some(shown)
+        {
+            (server.scene_bytes, server.detail_reach) = server.held_before;
         }
         true
     }

@@ -195,8 +195,8 @@ impl Cluster {
         }
         let Some(server) = self.registry.server_mut(from) else { return };
         server.prepared = Some(prepared.revision);
-        server.scene_bytes = prepared.scene_bytes;
-        server.detail_reach = prepared.detail_reach;
+        server.held_before = (server.scene_bytes, server.detail_reach);
+        (server.scene_bytes, server.detail_reach) = (prepared.scene_bytes, prepared.detail_reach);
         let channels = server.channels.clone();
         if prepared.revision == self.shown.revision {
             // A server is asked what it knows best, but not for a book.

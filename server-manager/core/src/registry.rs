@@ -58,6 +58,9 @@ pub(super) struct ServerEntry {
     /// See [`polyptych_protocol::server_message::Prepared::detail_reach`].
     #[serde(default)]
     pub detail_reach: Option<f64>,
+    /// Both of what it had prepared before.
+    #[serde(default)]
+    pub held_before: (u64, Option<f64>),
     /// The time at which it is sent again what it could not prepare.
     retry_at: Option<Micros>,
     /// Pauses since it began to fail, and when the last one began.
@@ -267,6 +270,7 @@ impl Registry {
             storage_warning: None,
             scene_bytes: 0,
             detail_reach: None,
+            held_before: (0, None),
             retry_at: None,
             failures: 0,
             failed_at: 0,

@@ -172,6 +172,31 @@ fn a_part_that_a_server_cannot_get_leaves_the_wall_as_it_was_and_is_tried_again(
 }
 
 #[test]
+fn a_part_that_was_refused_does_not_count_as_held() {
+    let mut stage = ClusterFixture::limited();
+    stage.look(at(10.0));
+    stage.prepare_all();
+    stage.wait(1_000);
+    stage.draw(&[0, 1], 1_000);
+    stage.look(at(60.0));
+    stage.draw(&[0, 1], 1_000);
+    stage.live_for(1_000_000);
+    assert_eq!(stage.told()[0].position.x, 60.0);
+    let (epoch, revision) = (Epoch(7), stage.prepares[0].1.revision);
+    let digest = stage.cluster.changes.digest_of(revision).expect("on its way");
+    let (features, scene_bytes, detail_reach) = (Vec::new(), 9, Some(100.0));
+    let prepared = Prepared { epoch, revision, digest, features, scene_bytes, detail_reach };
+    stage.say(SessionId(0), ServerMessage::Prepared(prepared));
+    let reason = "the store is gone".into();
+    stage.say(SessionId(1), ServerMessage::PrepareFailed { epoch, revision, reason });
+    stage.cluster.handle_server_gone(stage.now, SessionId(1), "killed");
+    stage.read();
+    let first = &stage.cluster.status(stage.now).channels[0];
+    assert_eq!((first.state, first.scene_bytes), (ChannelState::Live, 0));
+    assert!(stage.cluster.awaits_detail(stage.cluster.shown.revision), "it is 50 m from there");
+}
+
+#[test]
 fn a_part_that_takes_for_ever_is_given_up_and_does_not_hold_others() {
     let mut stage = ClusterFixture::limited();
     let before = stage.cluster.shown.clone();
