@@ -32,24 +32,31 @@ pub(crate) fn fetch(
     if had > 0 && transfer.is_whole(hash) {
         return Ok(transfer.finish(cache, hash));
     }
-    match transfer.run(cache, hash, order) {
-        Ok(()) => Ok(transfer.finish(cache, hash)),
-        Err(Broken::Cancelled(reason)) => Err(reason),
-        Err(Broken::Useless(reason)) => {
+    let (reason, is_wrong) = match transfer.run(cache, hash, order) {
+        Ok(()) => return Ok(transfer.finish(cache, hash)),
+        Err(Broken::Cancelled(reason)) => return Err(reason),
+        Err(Broken::Missing(reason)) => (reason, false),
+        Err(Broken::Wrong(reason)) => (reason, true),
+    };
+    if is_wrong {
+        transfer.discard();
+    }
+    // Where nothing came, the blob may be shorter than a beginning that is damaged.
+    let may_come_anew = had > 0 && (is_wrong || transfer.bytes.len() == had);
+    if !may_come_anew {
+        return Err(reason);
+    }
+    tracing::warn!(%hash, had, reason, "a blob is fetched anew, not from its beginning on");
+    let mut anew = Transfer::new(None);
+    match anew.run(cache, hash, order) {
+        Ok(()) => {
             transfer.discard();
-            if had == 0 {
-                return Err(reason);
-            }
-            tracing::warn!(%hash, had, reason, "a blob is fetched anew, not from its beginning on");
-            let mut transfer = Transfer::new(None);
-            match transfer.run(cache, hash, order) {
-                Ok(()) => Ok(transfer.finish(cache, hash)),
-                Err(Broken::Cancelled(reason)) => Err(reason),
-                Err(Broken::Useless(reason)) => {
-                    transfer.discard();
-                    Err(reason)
-                }
-            }
+            Ok(anew.finish(cache, hash))
+        }
+        Err(Broken::Cancelled(reason) | Broken::Missing(reason)) => Err(reason),
+        Err(Broken::Wrong(reason)) => {
+            anew.discard();
+            Err(reason)
         }
     }
 }
@@ -58,8 +65,10 @@ pub(crate) fn fetch(
 enum Broken {
     /// The connection has ended, or the preparation is not wanted any more: what came stays.
     Cancelled(String),
-    /// The bytes are not the blob, or the manager can't give the rest.
-    Useless(String),
+    /// The manager can't give the rest, as its disk may fail for a while: what came stays.
+    Missing(String),
+    /// The bytes are not the blob.
+    Wrong(String),
 }
 
 /// A blob as far as it has come.
@@ -95,7 +104,7 @@ impl Transfer {
             (order.check)().map_err(Broken::Cancelled)?;
             let piece = wait(&fetched, order).map_err(Broken::Cancelled)?;
             let ended = || Broken::Cancelled("the bulk connection has ended".to_owned());
-            let piece = piece.ok_or_else(ended)?.map_err(Broken::Useless)?;
+            let piece = piece.ok_or_else(ended)?.map_err(Broken::Missing)?;
             if self.bytes.is_empty() && piece.total >= RESUMED_BYTES_MIN {
                 // Without a file the transfer goes on, but not after its end. So it does beside
                 // what another server has left there since this one asked from the beginning on.
@@ -119,7 +128,7 @@ impl Transfer {
             return Ok(());
         }
         let reason = format!("blob {hash} was damaged on its way or in the manager's store");
-        Err(Broken::Useless(reason))
+        Err(Broken::Wrong(reason))
     }
 
     /// Returns whether these bytes are the blob of this name.
@@ -142,9 +151,12 @@ impl Transfer {
 
 #[cfg(test)]
 mod tests {
+    use std::thread;
+
     use tokio::sync::mpsc;
 
     use super::*;
+    use crate::bulk::Piece;
 
     #[test]
     fn a_beginning_that_is_the_whole_blob_is_taken_without_asking() {
@@ -164,5 +176,38 @@ mod tests {
         assert_eq!(bytes, whole);
         placed.expect("tried").expect("placed");
         assert_eq!(cache.read(hash).expect("read").as_deref(), Some(&whole[..]));
+    }
+
+    #[test]
+    fn a_beginning_stays_where_the_manager_cannot_read_the_rest() {
+        let root = tempfile::tempdir().expect("a folder");
+        let cache = BlobStore::new(root.path());
+        let hash = BlobHash::of(b"a blob of eight pieces");
+        let (bulk, mut jobs) = mpsc::channel(1);
+        let answer = move || {
+            let mut offsets = Vec::new();
+            while let Some(BulkJob::Fetch { offset, pieces, .. }) = jobs.blocking_recv() {
+                let count = if offsets.is_empty() { 5 } else { 0 };
+                for _ in 0..count {
+                    let bytes = Bytes::from(vec![5_u8; CHUNK_BYTES_MAX]);
+                    let piece = Piece { total: 8 * CHUNK_BYTES_MAX as u64, bytes };
+                    pieces.send(Ok(piece)).expect("waited for");
+                }
+                pieces.send(Err("the disk fails".to_owned())).expect("waited for");
+                offsets.push(offset);
+            }
+            offsets
+        };
+        let manager = thread::Builder::new().name("manager".into()).spawn(answer);
+        let order = BlobOrder { bulk: &bulk, check: &|| Ok(()) };
+        for _ in 0..2 {
+            let fetched = fetch(&cache, hash, &order);
+            assert_eq!(fetched.expect_err("it fails"), "the disk fails");
+            let begun = PartialBlob::open(&cache, hash, false).expect("opened");
+            assert_eq!(begun.expect("it is there").1.len(), 5 * CHUNK_BYTES_MAX);
+        }
+        drop(bulk);
+        let offsets = manager.expect("a thread").join().expect("no panic");
+        assert_eq!(offsets, [0, 5 * CHUNK_BYTES_MAX as u64, 0]);
     }
 }
