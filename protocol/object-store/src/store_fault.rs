@@ -66,6 +66,12 @@ impl StoreFault {
         )
     }
 
+    /// Less than `rate` bytes a second came of an answer that has begun.
+    pub(crate) fn slow(url: &StoreUrl, rate: u64, seconds: u64) -> Self {
+        let reason = format!("less than {} KiB/s came within {seconds} s", rate >> 10);
+        Self::unusable(url, reason, reach(url.scheme()))
+    }
+
     pub(crate) fn of_store(url: &StoreUrl, error: &StoreError) -> Self {
         let fix = match error {
             _ if words(error).contains("RequestTimeTooSkewed") => {
