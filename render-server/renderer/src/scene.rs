@@ -22,6 +22,7 @@ mod moved_items;
 mod moving_items;
 mod outline;
 mod slots;
+mod sorter;
 mod subset;
 mod texture;
 mod triangle_order;
