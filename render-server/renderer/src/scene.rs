@@ -235,7 +235,7 @@ impl GpuScene {
         self.moved.as_ref().map_or(&self.layout.billboards, |moved| moved.billboards())
     }
 
-    /// Around all items of a batch, visible or not.
+    /// Around all items of a batch that no clip hides, seen or not.
     pub(crate) fn batch_bounds(&self, batch: u32) -> Bounds {
         match &self.moved {
             Some(moved) => moved.batch_bounds(batch),
@@ -288,7 +288,8 @@ impl GpuScene {
         let mut all = vec![Bounds::EMPTY; self.layout.batches.len()];
         for index in 0..self.layout.items.len() as u32 {
             let (item, _, bounds) = self.item(index);
-            if part.has_place(item.place) {
+            let is_hidden = || self.moved.as_ref().is_some_and(|moved| moved.hides(index));
+            if part.has_place(item.place) && !is_hidden() {
                 let batch = &mut all[item.batch as usize];
                 *batch = batch.union(*bounds);
             }

@@ -58,7 +58,7 @@ pub struct MovedItems {
     stances: Vec<Stance>,
     bounds: Vec<Bounds>,
     tree: Bvh,
-    /// Around all items of each batch, moved or not.
+    /// Around all items of each batch that are not hidden, moved or not.
     batch_bounds: Vec<Bounds>,
     /// Lists of lamps, which follow those of the layout.
     lamp_indices: Vec<u32>,
@@ -118,12 +118,17 @@ impl MovedItems {
         moved.tree = Bvh::new(&moved.bounds, &|| false)?;
         let by_batch = layout.items_by_batch();
         let known = layout.batches.iter().map(|batch| batch.bounds);
+        let hidden = nodes.iter().filter(|node| node.is_hidden);
+        let hidden = hidden.filter_map(|node| layout.items_of(node.node)).flatten();
+        let changed: Vec<u32> = moved.indices.iter().copied().chain(hidden).collect();
+        // The box of a batch holds nothing of what is hidden, or was turned inside out and left it.
         let bounds = |item: usize| match moved.slot(item as u32) {
-            Some(slot) => moved.bounds[slot],
-            None => layout.bounds[item],
+            Some(at) if moved.items[at].batch == layout.items[item].batch => moved.bounds[at],
+            None if !moved.holds(item as u32) => layout.bounds[item],
+            _ => Bounds::EMPTY,
         };
-        let mut batch_bounds = by_batch.moved(&layout.items, known, &moved.indices, bounds);
-        // Those that were turned inside out are counted in the batch that they left too.
+        let mut batch_bounds = by_batch.moved(&layout.items, known, &changed, bounds);
+        // Those that were turned inside out are counted in the batch that they came to.
         for (item, bounds) in moved.items.iter().zip(&moved.bounds) {
             let of_batch = &mut batch_bounds[item.batch as usize];
             *of_batch = of_batch.union(*bounds);
@@ -141,7 +146,7 @@ impl MovedItems {
         known_lamps: &mut HashMap<Vec<u32>, [u32; 2]>,
     ) -> Option<()> {
         let at = node.node as usize;
-        let (first, end) = (*layout.first_items.get(at)?, *layout.first_items.get(at + 1)?);
+        let std::ops::Range { start: first, end } = layout.items_of(node.node)?;
         let Some(one) = layout.items[first as usize..end as usize].first() else {
             return Some(());
         };
@@ -175,9 +180,14 @@ impl MovedItems {
             next += 1;
             let known = layout.items.get(index as usize).filter(|_| index < end).ok_or(())?;
             let was_mirrored = layout.stances[known.stance as usize].is_mirrored();
-            let is_turned = was_mirrored != placed.is_mirrored && !placed.is_flat;
-            let twin = || layout.twins.get(&known.batch).copied().ok_or(());
-            let batch = if is_turned { twin()? } else { known.batch };
+            // What is flat counts as not mirrored, and is drawn in either.
+            let is_turned = was_mirrored != placed.is_mirrored;
+            let twin = layout.twins.get(&known.batch).filter(|_| is_turned);
+            let batch = match twin {
+                Some(twin) => *twin,
+                None if is_turned && !placed.is_flat => return Err(()),
+                None => known.batch,
+            };
             let lamps = self.lamps(layout, known, &placed.bounds, known_lamps).ok_or(())?;
             let (origin, stance) = (placed.origin, placed.stance);
             self.items.push(DrawItem { origin, stance, lamps, batch, ..known.clone() });
@@ -237,6 +247,11 @@ impl MovedItems {
         self.is_moved[item as usize / 64] >> (item % 64) & 1 == 1
     }
 
+    /// Returns whether an item is hidden.
+    pub(super) fn hides(&self, item: u32) -> bool {
+        self.holds(item) && self.slot(item).is_none()
+    }
+
     /// A bit for each item of the layout: 1 if it was moved or hidden.
     pub(super) fn bits(&self) -> &Arc<[u64]> {
         &self.is_moved
@@ -249,7 +264,7 @@ impl MovedItems {
         Some((item, &self.stances[item.stance as usize], &self.bounds[slot]))
     }
 
-    /// The box around all items of a batch, moved or not.
+    /// The box around all items of a batch that are not hidden, moved or not.
     pub(super) fn batch_bounds(&self, batch: u32) -> Bounds {
         self.batch_bounds[batch as usize]
     }

@@ -61,6 +61,12 @@ pub(super) fn turning_items(items: &[DrawItem], stances: &[Stance]) -> Vec<u32> 
 }
 
 impl SceneLayout {
+    /// The indices of the items of a described node; `None` if there is no such node.
+    pub(super) fn items_of(&self, node: u32) -> Option<std::ops::Range<u32>> {
+        let at = node as usize;
+        Some(*self.first_items.get(at)?..*self.first_items.get(at + 1)?)
+    }
+
     /// The items of each batch.
     pub(super) fn items_by_batch(&self) -> &ItemsByBatch {
         let make = || ItemsByBatch::new(&self.items, &self.bounds, self.batches.len());

@@ -128,7 +128,7 @@ impl<'a> Sorter<'a> {
         ((desc.materials.len() + 1 + index) as u32, Some(styled))
     }
 
-    /// Returns the batch of a placement.
+    /// Returns the batch of a placement, whose box does not count it yet.
     fn batch_of(&mut self, desc: &Scene, look: Look, placement: &PrimitiveInstance<'_>) -> u32 {
         let primitive = placement.desc;
         // The default material stands behind all others.
@@ -153,14 +153,12 @@ impl<'a> Sorter<'a> {
             let batch = self.batch((layout, topology, triangles), features, mirrored);
             self.batches.push(Batch { geometry: geometry as u32, material, layer, ..batch });
         }
-        let batch = &mut self.batches[index as usize];
-        batch.bounds = batch.bounds.union(placement.bounds);
-        batch.is_sky &= desc.nodes[placement.node].is_sky;
+        self.batches[index as usize].is_sky &= desc.nodes[placement.node].is_sky;
         index
     }
 
-    /// Returns the batch of a placement, and makes the one that it is in while it is turned inside
-    /// out, if it may be.
+    /// Returns the batch of a placement, which it is joined to, and makes the one that it is in
+    /// while it is turned inside out, if it may be.
     pub fn batch_of_moving(
         &mut self,
         desc: &Scene,
@@ -168,14 +166,21 @@ impl<'a> Sorter<'a> {
         placement: &PrimitiveInstance<'_>,
         traits: &NodeTraits,
     ) -> u32 {
-        let batch = self.batch_of(desc, look, placement);
         // What is flat at rest may come to stand either way.
-        if traits.is_moving(placement.node) && (traits.may_mirror || placement.is_flat) {
-            let turned = PrimitiveInstance { is_mirrored: !placement.is_mirrored, ..*placement };
-            let twin = self.batch_of(desc, look, &turned);
-            self.twins.insert(batch, twin);
-            self.twins.insert(twin, batch);
-        }
+        let may_turn = traits.is_moving(placement.node) && (traits.may_mirror || placement.is_flat);
+        let batch = if may_turn {
+            // In one order, whichever way it stands: that of batches decides between equals.
+            let [plain, mirrored] = [false, true].map(|is_mirrored| {
+                self.batch_of(desc, look, &PrimitiveInstance { is_mirrored, ..*placement })
+            });
+            self.twins.insert(plain, mirrored);
+            self.twins.insert(mirrored, plain);
+            if placement.is_mirrored { mirrored } else { plain }
+        } else {
+            self.batch_of(desc, look, placement)
+        };
+        let of_batch = &mut self.batches[batch as usize].bounds;
+        *of_batch = of_batch.union(placement.bounds);
         batch
     }
 

@@ -96,12 +96,20 @@ pub(super) fn ordered_batches(layout: &SceneLayout, geometries: &[Geometry]) -> 
             places[item.batch as usize] += 1;
         }
         let mut left = ORDERED_TRIANGLES_MAX;
-        for (index, (ordered, batch)) in (0..).zip(ordered.iter_mut().zip(&layout.batches)) {
-            // All places of a batch may be turned inside out, and into the other, at a time.
-            let twin = layout.twins.get(&index).map_or(0, |twin| places[*twin as usize]);
-            let triangles = batch.triangles.saturating_mul(places[index as usize] + twin);
-            *ordered &= triangles <= left;
-            left -= if *ordered { triangles } else { 0 };
+        for (index, batch) in layout.batches.iter().enumerate() {
+            // All places of a batch may be turned inside out, and into the other, at a time: the
+            // first of the two takes room for all of both.
+            let twin = layout.twins.get(&(index as u32)).map(|twin| *twin as usize);
+            let fits = if let Some(first) = twin.filter(|twin| *twin < index) {
+                ordered[first]
+            } else {
+                let of_both = places[index] + twin.map_or(0, |twin| places[twin]);
+                let triangles = batch.triangles.saturating_mul(of_both);
+                let fits = ordered[index] && triangles <= left;
+                left -= if fits { triangles } else { 0 };
+                fits
+            };
+            ordered[index] &= fits;
         }
     }
     ordered.into()

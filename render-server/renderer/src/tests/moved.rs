@@ -3,12 +3,15 @@
 use std::sync::{Arc, OnceLock};
 
 use glam::{DAffine3, DQuat, DVec2, DVec3, Quat, Vec3, Vec4};
-use polyptych_scene::{AlphaMode, Instance, Light, LightKind, Material, Node};
+use polyptych_scene::{
+    AlphaMode, Instance, Light, LightKind, Material, Node, NodeId, NodeTraits, SceneSubset,
+};
 use proptest::prelude::*;
 
 use super::harness::{MeshFixture, SceneFixture, differences, draw, gpu, look};
 use super::terrain::Terrain;
 use crate::draw_list::{DrawList, Scratch, VisibleItems};
+use crate::scene::Bounds;
 use crate::{AllowedError, GpuScene, MovedItems, MovedNode, ViewDesc};
 
 const SIZE: [u32; 2] = [96, 64];
@@ -217,4 +220,50 @@ fn too_many_moves_and_items_turned_inside_out_ask_for_a_new_layout() {
     }
     assert!(row(&[(1000, up)]).is_none(), "there is no such node");
     assert!(row(&[]).is_some_and(|moved| moved.is_empty()));
+}
+
+/// The boxes of all batches, and of what maps of shadows are for: of all, and of either node.
+fn boxes(scene: &GpuScene) -> (Vec<Bounds>, [Bounds; 3]) {
+    let batches = 0..scene.layout.batches.len() as u32;
+    let roots = [None, Some(NodeId(0)), Some(NodeId(1))];
+    let extent = |root| scene.shadowed_extent(scene.part(&SceneSubset { root, layers: None }));
+    (batches.map(|batch| scene.batch_bounds(batch)).collect(), roots.map(extent))
+}
+
+#[test]
+fn boxes_at_a_moment_do_not_tell_when_the_scene_was_laid_out() {
+    let mut stage = SceneFixture::new();
+    let ball = stage.mesh(&MeshFixture::sphere(4), None);
+    let rest = DAffine3::from_translation(DVec3::X * 40.0);
+    let mover = stage.node(ball, rest);
+    stage.node(ball, DAffine3::IDENTITY);
+    let place = DAffine3::from_translation(DVec3::new(-20.0, 3.0, 0.0));
+    let mirrored = place * DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+    let flat = place * DAffine3::from_scale(DVec3::new(0.0, 1.0, 1.0));
+    let cases = [
+        (false, place, place, true),
+        (true, mirrored, flat, false),
+        (true, place, place, false),
+        (true, place, mirrored, false),
+        (true, mirrored, place, false),
+        (true, mirrored, mirrored, true),
+    ];
+    for (may_mirror, edited, now, is_hidden) in cases {
+        let case = format!("{may_mirror}, {edited:?}, {now:?}, {is_hidden}");
+        let traits = NodeTraits { moving: vec![mover], may_mirror, ..NodeTraits::of_file(2) };
+        let before = stage.build_with(&traits);
+        let edit = [MovedNode::new(mover, edited, &[])];
+        let moved = MovedItems::new(&before.layout, edit.into_iter()).map(Arc::new);
+        assert!(moved.is_some(), "the layout is kept: {case}");
+        let kept = before.with_layout(gpu(), Arc::clone(&before.layout), moved).expect("the same");
+        stage.desc.nodes[mover as usize].local = edited;
+        let anew = stage.build_with(&traits);
+        stage.desc.nodes[mover as usize].local = rest;
+        assert_eq!(boxes(&kept), boxes(&anew), "at rest: {case}");
+        let [kept, anew] = [kept, anew].map(|scene| {
+            let node = MovedNode { is_hidden, ..MovedNode::new(mover, now, &[]) };
+            scene.at_moment(gpu(), &[node], &[], &[]).expect("it moves")
+        });
+        assert_eq!(boxes(&kept), boxes(&anew), "{case}");
+    }
 }

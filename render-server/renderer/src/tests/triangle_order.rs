@@ -1,7 +1,7 @@
 //! Blended triangles of one mesh: drawn from far to near, the same on every channel.
 
 use glam::{Affine2, DAffine3, DMat3, DQuat, DVec3, Vec2, Vec3, Vec4};
-use polyptych_scene::{AlphaMode, Instance, Material, Node, TextureFormat, TextureRef};
+use polyptych_scene::{AlphaMode, Instance, Material, Node, NodeTraits, TextureFormat, TextureRef};
 
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, drawn, look, pixel,
@@ -188,6 +188,11 @@ fn more_triangles_than_can_be_ordered_are_drawn_as_they_come() {
     let of = |count: u32| (0..count).map(place).collect();
     for (count, draws) in [(16_384, 1), (16_385, 2)] {
         stage.desc.nodes = vec![Node { mesh, instances: of(count), ..Node::default() }];
+        // Turned inside out, they are in another batch: no more of them than there are.
+        let traits = NodeTraits { moving: vec![0], may_mirror: true, ..NodeTraits::of_file(1) };
+        let turning = stage.build_with(&traits);
+        let ordered = [0, 1].map(|batch| turning.order_of(batch).is_some());
+        assert_eq!(ordered, [draws == 1; 2], "{count} places that may be turned");
         let view = look(DVec3::Z * 4.0, DVec3::ZERO, SIZE);
         let (pixels, stats) = draw_sampled(&stage.build(), SIZE, 1, &[view]);
         assert_eq!((stats.visible, stats.draw_calls), (1, draws), "{count} places");
