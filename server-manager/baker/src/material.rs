@@ -25,6 +25,8 @@ pub(super) enum TextureKind {
     Color,
     /// sRGB, weighted by alpha.
     ColorAlpha,
+    /// sRGB, weighted by alpha, of a mask that draws what has at least this alpha.
+    ColorMask(u8),
     /// Linear numbers.
     Data,
     /// Unit vectors.
@@ -33,6 +35,20 @@ pub(super) enum TextureKind {
     Tint,
     /// Glossiness in alpha, which becomes roughness in G; the factor in 65,520ths.
     Glossiness(u16),
+}
+
+impl TextureKind {
+    /// The content of a material's base colour, whose factor it has already.
+    pub(super) fn of_base_color(material: &Material) -> Self {
+        let cutoff = match material.alpha_mode {
+            AlphaMode::Opaque => return Self::Color,
+            AlphaMode::Blend => return Self::ColorAlpha,
+            AlphaMode::Mask(cutoff) => cutoff,
+        };
+        // A mask that draws every alpha, or none, has no share to keep.
+        let least = (cutoff / material.base_color.w * 255.0).ceil();
+        if (1.0..=255.0).contains(&least) { Self::ColorMask(least as u8) } else { Self::ColorAlpha }
+    }
 }
 
 /// A texture of the file, as one of its materials uses it.
@@ -155,17 +171,14 @@ impl Palette {
         let pbr = &json.pbr_metallic_roughness;
         let needs = VertexRequirements { uv_sets, ..VertexRequirements::default() };
         let mut user = MaterialContext { palette: self, job, source: index, place, needs };
-        let content = match material.alpha_mode {
-            AlphaMode::Opaque => TextureKind::Color,
-            _ => TextureKind::ColorAlpha,
-        };
         // Unlit is the base colour alone: nothing else is read or kept.
         let is_lit = is_lit && !material.unlit;
         let mut converted = None;
         if !material.unlit {
-            converted = user.specular_glossiness(json, &mut material, (content, is_lit))?;
+            converted = user.specular_glossiness(json, &mut material, is_lit)?;
         }
         if let Some(info) = pbr.base_color_texture.as_ref().filter(|_| converted.is_none()) {
+            let content = TextureKind::of_base_color(&material);
             material.base_color_texture = user.info(info, content)?;
         }
         if is_lit {

@@ -4,6 +4,10 @@
 //! are made unit vectors again on every level. A side that is odd is filtered with three taps
 //! whose weights move along it, so that every pixel counts alike (Guthe and Heckbert,
 //! "Non-Power-of-Two Mipmapping", NVIDIA 2005).
+//!
+//! Means of a mask's alpha tend to one value, which its cutoff draws everywhere or nowhere. So the
+//! alpha of each level is scaled until the mask draws the share of it that it draws of the picture
+//! (Castano, "Computing Alpha Mipmaps", 2010).
 
 use std::ops::Range;
 use std::sync::atomic::AtomicBool;
@@ -46,12 +50,13 @@ pub(super) fn chain(
     }
     check(cancel)?;
     let (width, height) = (width as usize, height as usize);
+    let share = share_drawn(&bytes, content);
     let mut level = halve_bytes(&bytes, width, height, content);
-    level.write(content, &mut bytes);
+    level.write(content, share, &mut bytes);
     for _ in 2..count {
         check(cancel)?;
         level = halve_level(&level, content);
-        level.write(content, &mut bytes);
+        level.write(content, share, &mut bytes);
     }
     Ok(bytes)
 }
@@ -63,15 +68,24 @@ pub(super) fn fit(
     side_max: u32,
     cancel: &AtomicBool,
 ) -> Result<Rgba8Image, BakeError> {
+    let share = share_drawn(&picture.rgba, content);
     while picture.width.max(picture.height) > side_max {
         check(cancel)?;
         let (width, height) = (picture.width as usize, picture.height as usize);
         let level = halve_bytes(&picture.rgba, width, height, content);
         picture.rgba = Vec::new();
-        level.write(content, &mut picture.rgba);
+        level.write(content, share, &mut picture.rgba);
         (picture.width, picture.height) = (level.width as u32, level.height as u32);
     }
     Ok(picture)
+}
+
+/// The share of texels that a mask draws; 1 without a mask.
+fn share_drawn(bytes: &[u8], content: TextureKind) -> f64 {
+    let TextureKind::ColorMask(cutoff) = content else { return 1.0 };
+    let texels = bytes.as_chunks::<4>().0;
+    let drawn = texels.iter().filter(|[.., alpha]| *alpha >= cutoff).count();
+    drawn as f64 / texels.len().max(1) as f64
 }
 
 fn halve_bytes(bytes: &[u8], width: usize, height: usize, content: TextureKind) -> Level {
@@ -81,7 +95,10 @@ fn halve_bytes(bytes: &[u8], width: usize, height: usize, content: TextureKind) 
         let [r, g, b, a] = [bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]];
         let unit = |byte: u8| f32::from(byte) / 255.0;
         match content {
-            TextureKind::Color | TextureKind::ColorAlpha | TextureKind::Tint => {
+            TextureKind::Color
+            | TextureKind::ColorAlpha
+            | TextureKind::ColorMask(_)
+            | TextureKind::Tint => {
                 [linear[r as usize], linear[g as usize], linear[b as usize], unit(a)]
             }
             TextureKind::Data | TextureKind::Glossiness(_) => [unit(r), unit(g), unit(b), unit(a)],
@@ -116,7 +133,9 @@ fn halve(
                     let [r, g, b, a] = texel(x, y);
                     let weight = wx * wy;
                     let color = match content {
-                        TextureKind::ColorAlpha => weight * a.max(CLEAR_WEIGHT),
+                        TextureKind::ColorAlpha | TextureKind::ColorMask(_) => {
+                            weight * a.max(CLEAR_WEIGHT)
+                        }
                         _ => weight,
                     };
                     color_weight += color;
@@ -145,24 +164,55 @@ fn taps(i: usize, size: usize) -> (Range<usize>, [f32; 3]) {
 }
 
 impl Level {
-    /// Appends the level in eight bits.
-    fn write(&self, content: TextureKind, bytes: &mut Vec<u8>) {
+    /// Appends the level in eight bits, of which a mask draws about this share.
+    fn write(&self, content: TextureKind, share: f64, bytes: &mut Vec<u8>) {
+        let scale = match content {
+            TextureKind::ColorMask(cutoff) => self.alpha_scale(cutoff, share),
+            _ => 1.0,
+        };
         let start = bytes.len();
         bytes.resize(start + self.texels.len() * 4, 0);
         let row_bytes = self.width * 4;
         let rows = bytes[start..].par_chunks_mut(row_bytes).zip(self.texels.par_chunks(self.width));
         rows.for_each(|(out, texels)| {
             for (out, texel) in out.chunks_exact_mut(4).zip(texels) {
-                out.copy_from_slice(&bytes_of(*texel, content));
+                let [r, g, b, a] = *texel;
+                out.copy_from_slice(&bytes_of([r, g, b, a * scale], content));
             }
         });
+    }
+
+    /// The factor of alpha that lets a mask draw as nearly this share of the level as can be: 1 if
+    /// no other does better, since texels of one alpha are drawn or left out together.
+    fn alpha_scale(&self, cutoff: u8, share: f64) -> f32 {
+        // The least alpha that becomes the cutoff in eight bits.
+        let least = (f32::from(cutoff) - 0.5) / 255.0;
+        let mut alphas: Vec<f32> = self.texels.iter().map(|texel| texel[3]).collect();
+        alphas.par_sort_unstable_by(|one, two| two.total_cmp(one));
+        let wanted = (share * alphas.len() as f64).round() as usize;
+        let edge = alphas[wanted.max(1) - 1];
+        let own = alphas.partition_point(|alpha| *alpha >= least);
+        let without = alphas.partition_point(|alpha| *alpha > edge);
+        let with = alphas.partition_point(|alpha| *alpha >= edge && *alpha > 0.0);
+        let is_less = without.abs_diff(wanted) <= with.abs_diff(wanted);
+        let drawn = if is_less { without } else { with };
+        if own.abs_diff(wanted) <= drawn.abs_diff(wanted) {
+            return 1.0;
+        }
+        // Halfway between the last that is drawn and the first that is not.
+        let below = alphas.get(drawn).copied().unwrap_or(0.0);
+        let above = if drawn == 0 { 2.0 * below } else { alphas[drawn - 1] };
+        2.0 * least / (below + above)
     }
 }
 
 fn bytes_of([r, g, b, a]: [f32; 4], content: TextureKind) -> [u8; 4] {
     let byte = |value: f32| (value * 255.0 + 0.5) as u8;
     match content {
-        TextureKind::Color | TextureKind::ColorAlpha | TextureKind::Tint => {
+        TextureKind::Color
+        | TextureKind::ColorAlpha
+        | TextureKind::ColorMask(_)
+        | TextureKind::Tint => {
             [byte(srgb_of_linear(r)), byte(srgb_of_linear(g)), byte(srgb_of_linear(b)), byte(a)]
         }
         TextureKind::Data | TextureKind::Glossiness(_) => [byte(r), byte(g), byte(b), byte(a)],

@@ -22,7 +22,7 @@ const LIGHT: u8 = 188;
 /// The picture that stands for an image of this content.
 pub(super) fn picture(content: TextureKind) -> Rgba8Image {
     let pixel = |x: u32, y: u32| match content {
-        TextureKind::Color | TextureKind::ColorAlpha => {
+        TextureKind::Color | TextureKind::ColorAlpha | TextureKind::ColorMask(_) => {
             let grey = if (x / SQUARE + y / SQUARE).is_multiple_of(2) { LIGHT } else { DARK };
             [grey, grey, grey, 255]
         }

@@ -48,13 +48,12 @@ impl Default for SpecularGlossinessJson {
 
 impl MaterialContext<'_, '_, '_> {
     /// Gives a material the colours of the extension in the place of its own, if it has it, and
-    /// returns its reflection. What is not lit has only the base colour, whose `TextureKind` is
-    /// given.
+    /// returns its reflection. What is not lit has only the base colour.
     pub(super) fn specular_glossiness(
         &mut self,
         json: &json::Material,
         material: &mut Material,
-        (base_color, is_lit): (TextureKind, bool),
+        is_lit: bool,
     ) -> Result<Option<Specular>, BakeError> {
         let Some(read) = self.extension::<SpecularGlossinessJson>(json, NAME)? else {
             return Ok(None);
@@ -70,7 +69,8 @@ impl MaterialContext<'_, '_, '_> {
             ..Specular::default()
         };
         material.base_color = Vec4::from(read.diffuse_factor.map(unit));
-        material.base_color_texture = self.optional(read.diffuse_texture.as_ref(), base_color)?;
+        let content = TextureKind::of_base_color(material);
+        material.base_color_texture = self.optional(read.diffuse_texture.as_ref(), content)?;
         material.metallic = 0.0;
         material.roughness = if image.is_some() { 1.0 } else { 1.0 - glossiness };
         material.metallic_roughness_texture = self.optional(image, converted)?;

@@ -129,9 +129,10 @@ pub(super) fn write_all(job: &mut BakeJob<'_>, uses: &[TextureUse]) -> Result<Te
             textures.placeholders.insert(i as u32);
         }
         let format = match used.content {
-            TextureKind::Color | TextureKind::ColorAlpha | TextureKind::Tint => {
-                TextureFormat::Rgba8Srgb
-            }
+            TextureKind::Color
+            | TextureKind::ColorAlpha
+            | TextureKind::ColorMask(_)
+            | TextureKind::Tint => TextureFormat::Rgba8Srgb,
             TextureKind::Data | TextureKind::Normal | TextureKind::Glossiness(_) => {
                 TextureFormat::Rgba8Linear
             }

@@ -384,3 +384,43 @@ fn diffuse_transmission_is_read_and_brought_to_its_range() {
         assert!(baked.warnings.is_empty(), "{name}: {:?}", baked.warnings);
     }
 }
+
+#[test]
+fn a_mask_draws_the_same_share_of_each_mip_level() {
+    for draws_discs in [true, false] {
+        // Discs of radius 3 until 30 % of the texels are in one.
+        let (mut is_in_disc, mut seed, mut count) = ([[false; 64]; 64], 1_u32, 0_u32);
+        while count < 1229 {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let [middle_x, middle_y] = [seed >> 26, (seed >> 20) & 63];
+            for (y, row) in (0_u32..).zip(&mut is_in_disc) {
+                for (x, is_in) in (0_u32..).zip(row) {
+                    if x.abs_diff(middle_x).pow(2) + y.abs_diff(middle_y).pow(2) <= 9 {
+                        count += u32::from(!*is_in);
+                        *is_in = true;
+                    }
+                }
+            }
+        }
+        let wanted = f64::from(if draws_discs { count } else { 4096 - count }) / 4096.0;
+        let alpha = |x: u32, y: u32| {
+            if is_in_disc[y as usize][x as usize] == draws_discs { 255 } else { 0 }
+        };
+        // With its factor, the alpha that is drawn is 0.5.
+        let mut builder = quad(&json!({ "alphaMode": "MASK", "alphaCutoff": 0.25,
+            "pbrMetallicRoughness": { "baseColorFactor": [1, 1, 1, 0.5],
+                "baseColorTexture": { "index": 0 } } }));
+        builder.image(&png(64, 64, |x, y| [90, 90, 90, alpha(x, y)]));
+        let (place, _, scene) = bake_builder(&builder);
+        assert_eq!(scene.textures[0].mip_count, 7);
+        let bytes = place.store.blobs().read(scene.textures[0].blob).expect("read").expect("there");
+        let mut rest = &bytes[..];
+        for side in [64, 32, 16, 8, 4] {
+            let (level, coarser) = rest.split_at(side * side * 4);
+            let drawn = level.chunks(4).filter(|texel| texel[3] >= 128).count();
+            let share = drawn as f64 / (side * side) as f64;
+            assert!((share - wanted).abs() < 0.1, "{share} of {side} × {side}, not {wanted}");
+            rest = coarser;
+        }
+    }
+}
