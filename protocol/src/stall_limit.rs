@@ -176,7 +176,7 @@ mod tests {
         let mut stream = StallLimit::new(ours, LIMIT);
         let slow = async {
             for _ in 0..3 {
-                tokio::time::sleep(LIMIT * 9 / 10).await;
+                tokio::time::advance(LIMIT * 9 / 10).await;
                 theirs.read_exact(&mut [0]).await.expect("read");
             }
         };

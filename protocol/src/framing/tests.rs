@@ -186,7 +186,11 @@ fn golden() -> Vec<(Bytes, &'static str)> {
         (encode(&HelloReply::Refused(Rejection { reason: "no".into() })), "00026e6f"),
         (
             encode(&Command::Prepare(prepare)),
-            "00010101020102030174abababababababababababababababababababababababababababababababab04",
+            concat!(
+                "00010101020102030174",
+                "abababababababababababababababababababababababababababababababab",
+                "04"
+            ),
         ),
         (
             encode(&Command::Frame(frame())),

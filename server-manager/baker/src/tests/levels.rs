@@ -308,7 +308,7 @@ fn tiles_that_draco_has_rounded_keep_the_border_where_they_meet() {
     assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
     let [one, two] = [0, 1].map(|at| BlobLevels::read(&place, &scene.meshes[at].primitives[0]));
     // Half a step of each grid, 20 and 25 m of 14 bits, and what f32 rounds.
-    let near = (20.0 + 25.0) / 2.0 / 16_383.0 + 1e-5;
+    let near = 22.5 / 16_383.0 + 1e-5;
     let border = |triangles: &[[DVec3; 3]], x: f64| -> BTreeMap<i64, f64> {
         let points = triangles.iter().flatten().filter(|point| (point.x - x).abs() < near);
         let row = |point: &DVec3| {
