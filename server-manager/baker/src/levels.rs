@@ -12,6 +12,8 @@
 //! that is added; errors of steps are added up, since distances obey the triangle inequality. A
 //! texture that slides by more than that raises the error, but that is sampled: see [`appearance`].
 //!
+//! What is one body covers about as much at each of its levels, seen from all around: [`coverage`].
+//!
 //! All surfaces of a mesh are simplified together, so that they meet without a crack at any level.
 //! Borders between parts that are replaced on their own stay as they are.
 
@@ -22,6 +24,7 @@ pub(super) mod coarse_first;
 mod cone;
 mod contraction;
 mod convex_polygon;
+mod coverage;
 mod deviation;
 mod enclosing_sphere;
 mod hierarchy;

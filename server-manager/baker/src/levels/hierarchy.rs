@@ -1,6 +1,7 @@
 //! The hierarchy of meshlets: groups of neighbours are simplified and cut into meshlets again,
 //! until nothing can be spared.
 
+use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
 use foldhash::{HashSet, HashSetExt};
@@ -8,6 +9,7 @@ use polyptych_scene::meshlet::ErrorSphere;
 use rayon::prelude::*;
 
 use super::clustering;
+use super::coverage::Coverage;
 use super::enclosing_sphere::{around_points, around_spheres, round_up};
 use super::patch::{Patch, by_surface};
 use super::simplified::{Simplified, best, error_worth_measuring};
@@ -82,7 +84,8 @@ pub(super) struct Hierarchy {
 /// Makes the hierarchy of a surface.
 pub(super) fn build(source: &mut Source<'_>, cancel: &AtomicBool) -> Result<Hierarchy, BakeError> {
     let (kept, locked) = (vec![false; source.vertex_count()], source.locked());
-    let mut builder = Builder { source, hierarchy: Hierarchy::default(), groups: 0, kept, locked };
+    let (hierarchy, body) = (Hierarchy::default(), OnceLock::new());
+    let mut builder = Builder { source, hierarchy, groups: 0, kept, locked, body };
     let mut open = Vec::new();
     let surfaces = builder.source.surfaces().iter();
     for (surface, triangles) in surfaces.zip(builder.source.triangles()) {
@@ -111,6 +114,8 @@ struct Builder<'a, 's> {
     kept: Vec<bool>,
     /// `true` for each position that stays in all levels, named likewise.
     locked: Vec<bool>,
+    /// The coverage of what was the first to be replaced as a whole, if that is one body.
+    body: OnceLock<Option<Coverage>>,
 }
 
 impl Builder<'_, '_> {
@@ -153,6 +158,8 @@ impl Builder<'_, '_> {
         let groups = self.group(open);
         let borders = self.borders(&groups);
         let finest = if groups.len() == 1 { self.small_finest() } else { None };
+        let body = if groups.len() == 1 { self.body_of(&groups[0]) } else { None };
+        let keeps_body = |of: &Simplified| body.is_none_or(|body| self.is_kept(body, of));
         let simplify = |group: &Vec<Cluster>| {
             check(cancel)?;
             let triangles: Vec<u32> = group.iter().flat_map(|c| &c.indices).copied().collect();
@@ -168,13 +175,14 @@ impl Builder<'_, '_> {
             let patch = Patch::new(self.source, &triangles, measured);
             let mut found =
                 finest.as_ref().and_then(|_| patch.simplify_parts(is_locked, (prior, is_whole)));
+            found = found.filter(keeps_body);
             let errors = (prior, error_worth_measuring(found.as_ref()));
-            found = best(patch.simplify(is_locked, errors), found);
+            found = best(patch.simplify(is_locked, errors).filter(keeps_body), found);
             if is_whole || clustering::is_scattered(self.source, &triangles) {
                 let lists = (&triangles[..], &measured[..]);
                 let errors = (prior, error_worth_measuring(found.as_ref()));
                 let clustered = clustering::simplify(self.source, lists, is_locked, errors);
-                found = best(found, clustered);
+                found = best(found, clustered.filter(keeps_body));
             }
             let replacement = found.and_then(|simplified| {
                 let steps = if finest.is_some() { 0.0 } else { prior };
@@ -198,6 +206,28 @@ impl Builder<'_, '_> {
             }
         }
         Ok(next)
+    }
+
+    /// The coverage of what was the first to be replaced as a whole: this, if nothing was yet.
+    fn body_of(&self, group: &[Cluster]) -> Option<&Coverage> {
+        let welded = |vertex: &u32| self.source.welded[*vertex as usize];
+        let body = || {
+            let indices: Vec<u32> = group.iter().flat_map(|c| &c.indices).map(welded).collect();
+            Coverage::new(indices.as_chunks::<3>().0, |at| self.source.position(at))
+        };
+        self.body.get_or_init(body).as_ref()
+    }
+
+    /// Returns whether a replacement of the whole covers about as much as the body.
+    fn is_kept(&self, body: &Coverage, by: &Simplified) -> bool {
+        let known = self.source.vertex_count() as u32;
+        let position = |vertex: u32| match vertex.checked_sub(known) {
+            Some(added) => self.source.position(by.added[added as usize].at),
+            None => self.source.position(vertex),
+        };
+        let triangles = by.indices.as_chunks::<3>().0.iter();
+        let triangles: Vec<_> = triangles.map(|corners| corners.map(position)).collect();
+        body.is_kept_by(&triangles)
     }
 
     /// Adds the vertices that a replacement brings, which it numbers from `known` on.

@@ -43,7 +43,8 @@ fn small_primitives_become_a_few_triangles() {
         println!("{:22} {triangles:?}", shape.name);
     }
     let ball = levels(&shapes::closed().remove(0)).facts.triangles;
-    assert!(*ball.last().expect("a level") <= 12, "{ball:?}");
+    // It stays a body that is seen from all sides.
+    assert!(*ball.last().expect("a level") <= 16, "{ball:?}");
     let town = levels(&shapes::closed().pop().expect("a town")).facts.triangles;
     assert!(*town.last().expect("a level") <= 24, "{town:?}");
 }
