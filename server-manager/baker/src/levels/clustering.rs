@@ -39,7 +39,8 @@ const REACH_MIN: f64 = 1.0 / 32.0;
 /// surface than this share of the way within which vertices are paired.
 const SLIDE_MAX: f64 = 0.1;
 
-/// Corners of one place share a vertex if the cosine between their normals is at least this.
+/// Corners of one place share a vertex if the cosine between their normals is at least this, and
+/// their tangents are alike.
 const COSINE_MIN: f64 = 0.9;
 
 /// Corners of one place share a vertex if no component of their colours differs by more.
@@ -319,8 +320,11 @@ impl<'a> Corners<'a> {
             let slide = [0, 1].map(|set| (uvs[set] - other[set]).length() * lengths[set]);
             slide[0].max(slide[1]) <= self.reach * SLIDE_MAX
         };
-        let faces_alike =
-            |other: u32| source.normal(corner).dot(source.normal(other)) >= COSINE_MIN;
+        let faces_alike = |other: u32| {
+            source.normal(corner).dot(source.normal(other)) >= COSINE_MIN
+                && !source.is_mirrored(corner, other)
+                && source.has_tangents_alike(corner, other)
+        };
         let there = self.at_place.get(&(place, surface)).into_iter().flatten().copied();
         let mut there: Vec<u32> = there.filter(|other| faces_alike(*other)).collect();
         // The own colour would be off by the way there.

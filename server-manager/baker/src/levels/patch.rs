@@ -1,5 +1,6 @@
 //! A part of a surface that is simplified at once, and what that changes.
 
+mod neighbors;
 mod small_parts;
 
 use std::cell::OnceCell;
@@ -82,28 +83,6 @@ struct ReferenceSurface {
     set: TriangleSet,
 }
 
-/// Triangles that meet at a position.
-#[derive(Clone, Copy, Debug, Default)]
-struct Neighbors {
-    /// A vertex of one of them.
-    first: Option<u32>,
-    /// They are of several surfaces.
-    is_border: bool,
-    /// They have several texture coordinates.
-    is_seam: bool,
-}
-
-impl Neighbors {
-    /// Returns the flags of a vertex for the simplifier. Seams of textures may be given up if
-    /// nothing can be spared otherwise, borders of surfaces never.
-    fn flags(self, is_locked: bool, keeps_seams: bool) -> SimplifyVertex {
-        let Self { is_border, is_seam, .. } = self;
-        let is_protected = is_border || (keeps_seams && is_seam);
-        let protect = if is_protected { SimplifyVertex::Protect } else { SimplifyVertex::None };
-        if is_locked { protect | SimplifyVertex::Lock } else { protect }
-    }
-}
-
 impl<'a> Patch<'a> {
     /// The patch of these triangles, which are simplified. What that changes is measured against
     /// others.
@@ -133,19 +112,6 @@ impl<'a> Patch<'a> {
         };
         let places = self.vertices.iter().map(place).collect();
         Self { places, ..self }
-    }
-
-    /// What meets at each vertex in these triangles.
-    fn neighbors(&self, triangles: &[u32]) -> Vec<Neighbors> {
-        let mut all = vec![Neighbors::default(); self.vertices.len()];
-        for &index in triangles {
-            let vertex = self.vertices[index as usize];
-            let of = &mut all[self.welded[index as usize] as usize];
-            let first = *of.first.get_or_insert(vertex);
-            of.is_border |= self.source.surface_of(vertex) != self.source.surface_of(first);
-            of.is_seam |= of.is_border || self.source.uvs(vertex) != self.source.uvs(first);
-        }
-        self.welded.iter().map(|at| all[*at as usize]).collect()
     }
 
     /// Returns the patch with about half of its triangles, or `None` if too few can be spared for
@@ -208,7 +174,8 @@ impl<'a> Patch<'a> {
         left > 0 && left as f64 <= self.current.len() as f64 * RATIO_MAX
     }
 
-    /// Returns whether triangles go on to meet other patches, and each is of one surface.
+    /// Returns whether triangles go on to meet other patches, and each is of one surface, without
+    /// a texture that is mirrored within it, unless there are such triangles already.
     fn fits(&self, after: &[u32], flags: &[SimplifyVertex]) -> bool {
         let mut is_kept = vec![false; self.vertices.len()];
         for index in after {
@@ -221,7 +188,9 @@ impl<'a> Patch<'a> {
             let [a, b, c] = corners.map(|index| self.surface_of(index));
             a == b && b == c
         };
-        is_met && after.as_chunks::<3>().0.iter().all(is_of_one)
+        is_met
+            && after.as_chunks::<3>().0.iter().all(is_of_one)
+            && (!self.has_mixed(after) || self.has_mixed(&self.current))
     }
 
     fn surface_of(&self, index: u32) -> u32 {

@@ -1,11 +1,14 @@
 //! The data that all parts of a mesh share while its levels are made.
 
 use foldhash::{HashMap, HashMapExt};
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, DVec4};
 use meshopt::VertexDataAdapter;
 
 use super::clustering::MovedVertex;
 use super::surface::{Surface, VertexRow, uv_places};
+
+/// Tangents are alike if the cosine between them is at least this: that of 60°.
+const TANGENT_COSINE_MIN: f64 = 0.5;
 
 /// The vertices of the surfaces of a mesh, which are numbered one after another, and behind them
 /// those that only coarser levels have.
@@ -183,6 +186,21 @@ impl<'a> Source<'a> {
     /// Returns the normal of a vertex, of unit length.
     pub fn normal(&self, vertex: u32) -> DVec3 {
         self.row(vertex).normal()
+    }
+
+    /// Returns whether a texture is mirrored at one of two vertices and not at the other one, as
+    /// their tangents say.
+    pub fn is_mirrored(&self, one: u32, other: u32) -> bool {
+        let is_left = |vertex| self.row(vertex).tangent().is_some_and(|of| of.w < 0.0);
+        is_left(one) != is_left(other)
+    }
+
+    /// Returns whether two vertices have tangents of nearly one direction; `true` without tangents.
+    pub fn has_tangents_alike(&self, one: u32, other: u32) -> bool {
+        let [one, other] = [one, other].map(|vertex| self.row(vertex).tangent());
+        let (Some(one), Some(other)) = (one, other) else { return true };
+        let [one, other] = [one, other].map(DVec4::truncate);
+        one.dot(other) >= TANGENT_COSINE_MIN * one.length() * other.length()
     }
 
     /// Returns the texture coordinates of a vertex; see [`VertexRow::uvs`].

@@ -1,6 +1,6 @@
 //! The vertices and triangles of one piece, as its blob holds them.
 
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, DVec4};
 use polyptych_scene::VertexLayout;
 
 /// A list of triangles over vertices, and what must not be changed of it.
@@ -46,6 +46,13 @@ impl<'a> VertexRow<'a> {
     /// Returns the normal, of unit length.
     pub fn normal(self) -> DVec3 {
         DVec3::new(self.floats[3].into(), self.floats[4].into(), self.floats[5].into())
+    }
+
+    /// Returns the tangent, with the side of the bitangent in w, if there is one.
+    pub fn tangent(self) -> Option<DVec4> {
+        let first = VertexLayout::TANGENT_OFFSET as usize / 4;
+        let number = |axis: usize| f64::from(self.floats[first + axis]);
+        self.layout.tangent.then(|| DVec4::from_array([0, 1, 2, 3].map(number)))
     }
 
     /// Returns the texture coordinates of each of two sets; zero for one that is missing.

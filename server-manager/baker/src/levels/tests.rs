@@ -4,6 +4,7 @@ mod colors;
 mod cut;
 pub(crate) mod distance;
 mod hostile;
+mod mirrored;
 mod order;
 mod parts;
 mod shapes;
