@@ -160,7 +160,7 @@ pub struct Baked {
     #[serde(default)]
     pub levels: Vec<BakedLevel>,
     /// The largest angle by which a normal of a coarser level differs from that of a vertex that it
-    /// leaves out, in degrees.
+    /// leaves out, in degrees; the sum of steps where errors are, 180 at most.
     #[serde(default)]
     pub normal_angle_deg: f64,
     /// Notes on what is not drawn, or not as it is there; see [`Scene::notes`].

@@ -1,6 +1,7 @@
 //! The hierarchy of meshlets: groups of neighbours are simplified and cut into meshlets again,
 //! until nothing can be spared.
 
+use std::f64::consts::PI;
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
@@ -61,6 +62,9 @@ pub(super) struct Cluster {
     pub error: f32,
     /// The sphere of `error`.
     pub sphere: ErrorSphere,
+    /// The angle by which a normal differs from that of a vertex of the finest level that is
+    /// removed, at most: sums of steps where errors are, in radians.
+    pub normal_angle: f64,
     /// The number of the group that it is replaced with.
     pub group: usize,
     /// The error of what replaces the group; infinite if nothing does.
@@ -77,7 +81,7 @@ pub(super) struct Cluster {
 pub(super) struct Hierarchy {
     /// The finest first, those of a group in a row.
     pub clusters: Vec<Cluster>,
-    /// The largest angle by which normals differ at removed vertices, in radians.
+    /// The largest [`Cluster::normal_angle`].
     pub normal_angle: f64,
 }
 
@@ -92,7 +96,7 @@ pub(super) fn build(source: &mut Source<'_>, cancel: &AtomicBool) -> Result<Hier
         if surface.keeps_order && !builder.source.keeps_order() {
             builder.keep(&triangles);
         } else {
-            open.extend(builder.cut(&triangles, 0, 0.0, None));
+            open.extend(builder.cut(&triangles, 0, (0.0, 0.0), None));
         }
     }
     while !open.is_empty() {
@@ -119,12 +123,13 @@ struct Builder<'a, 's> {
 }
 
 impl Builder<'_, '_> {
-    /// Cuts triangles into meshlets; the finest ones bring their own spheres.
+    /// Cuts triangles of this error and angle of normals into meshlets; the finest ones bring their
+    /// own spheres.
     fn cut(
         &self,
         triangles: &[u32],
         level: usize,
-        error: f32,
+        (error, normal_angle): (f32, f64),
         sphere: Option<ErrorSphere>,
     ) -> Vec<Cluster> {
         let parts = cut(self.source, triangles).into_iter();
@@ -138,6 +143,7 @@ impl Builder<'_, '_> {
                 level,
                 error,
                 sphere,
+                normal_angle,
                 group,
                 coarser_error,
                 coarser_sphere: sphere,
@@ -184,9 +190,11 @@ impl Builder<'_, '_> {
                 let clustered = clustering::simplify(self.source, lists, is_locked, errors);
                 found = best(found, clustered.filter(keeps_body));
             }
-            let replacement = found.and_then(|simplified| {
-                let steps = if finest.is_some() { 0.0 } else { prior };
+            let angle = group.iter().map(|cluster| cluster.normal_angle).fold(0.0, f64::max);
+            let replacement = found.and_then(|mut simplified| {
+                let (steps, turns) = if finest.is_some() { (0.0, 0.0) } else { (prior, angle) };
                 let error = (steps + simplified.error).max(prior);
+                simplified.normal_angle = (turns + simplified.normal_angle).min(PI);
                 Replacement::new(group, simplified, error)
             });
             Ok(replacement)
@@ -245,8 +253,8 @@ impl Builder<'_, '_> {
     /// Keeps a group, and gives the meshlets that replace it.
     fn replace(&mut self, group: Vec<Cluster>, by: &Replacement) -> Vec<Cluster> {
         let level = group.iter().map(|cluster| cluster.level).max().unwrap_or(0) + 1;
-        let angle = &mut self.hierarchy.normal_angle;
-        *angle = angle.max(by.simplified.normal_angle);
+        let angle = by.simplified.normal_angle;
+        self.hierarchy.normal_angle = self.hierarchy.normal_angle.max(angle);
         self.hierarchy.clusters.extend(group.into_iter().map(|cluster| Cluster {
             group: self.groups,
             coarser_error: by.error,
@@ -255,7 +263,7 @@ impl Builder<'_, '_> {
             ..cluster
         }));
         self.groups += 1;
-        self.cut(&by.simplified.indices, level, by.error, Some(by.sphere))
+        self.cut(&by.simplified.indices, level, (by.error, angle), Some(by.sphere))
     }
 
     /// Keeps the positions of triangles in all levels.

@@ -1,6 +1,8 @@
 //! Cuts through the hierarchy at an allowed error: no gap, nothing twice.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::PI;
+use std::sync::atomic::AtomicBool;
 
 use glam::{DVec3, Vec3};
 use polyptych_scene::meshlet::{self, ErrorSphere, Meshlet};
@@ -8,7 +10,8 @@ use proptest::prelude::*;
 
 use super::shapes::{self, Shape, noise};
 use super::{Drawn, levels};
-use crate::levels::Levels;
+use crate::levels::source::Source;
+use crate::levels::{Levels, hierarchy};
 
 /// An eye, and the error that is allowed at a unit's distance from it.
 #[derive(Clone, Copy, Debug)]
@@ -157,6 +160,30 @@ fn cuts_are_whole_and_have_no_cracks() {
         }
     }
     assert!(mixed > 10, "only {mixed} cuts have several levels");
+}
+
+/// Steps that are not measured against the finest level add their angles to those before.
+#[test]
+fn angles_of_normals_add_up_with_each_step() {
+    let shape = shapes::bumpy(72, 60, 5, 0.01);
+    assert!(shape.indices.len() / 3 > 4096, "a small one is measured against its finest level");
+    let surfaces = [shape.surface()];
+    let mut source = Source::new(&surfaces);
+    let made = hierarchy::build(&mut source, &AtomicBool::new(false)).expect("not cancelled");
+    let mut largest = BTreeMap::new();
+    for old in made.clusters.iter().filter(|cluster| cluster.coarser_error.is_finite()) {
+        let angle: &mut f64 =
+            largest.entry(bits(old.coarser_error, old.coarser_sphere)).or_default();
+        *angle = angle.max(old.normal_angle);
+    }
+    let mut added = 0;
+    for new in made.clusters.iter().filter(|cluster| cluster.level > 0) {
+        let (before, after) = (largest[&bits(new.error, new.sphere)], new.normal_angle);
+        assert!(after > before || after == PI, "{after} rad after {before} rad");
+        added += usize::from(before > 0.0 && after < PI);
+        assert!(after <= made.normal_angle);
+    }
+    assert!(added > 0, "no second step");
 }
 
 proptest! {
