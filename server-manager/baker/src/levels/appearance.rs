@@ -8,16 +8,19 @@
 //! coarser surface where each point has its place in space and on the textures. Colours of vertices
 //! count likewise: as far as it is to where that colour is. At a seam, the side that fits is taken.
 //! A vertex that nothing fits any more, since its whole chart is left out, counts by the chart's
-//! width.
+//! width; such charts side by side, as the tiles of a mosaic, count by the width of all together.
 //! A colour that is off by a share of all that a component can be counts as a slide over a quarter
 //! as large a share of the surface's width.
 //!
 //! Only vertices that are removed are measured. Between vertices, position and texture coordinates
 //! are linear on both surfaces, so that the largest slide nearly is at one; this is not proven.
 
+use std::collections::BTreeMap;
+
 use foldhash::{HashSet, HashSetExt};
 use glam::{DVec2, DVec3};
 
+use super::chart::Charts;
 use super::patch::by_surface;
 use super::source::Source;
 use super::triangle_set::{Nearest, SurfacePoint, TriangleSet, shares_of_nearest};
@@ -34,12 +37,21 @@ pub(super) struct VertexList {
 }
 
 /// The largest changes at any vertex.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Debug, Default)]
 pub(super) struct Change {
-    /// In units of the primitive's space.
-    pub slide: f64,
+    /// Of vertices that slide by less than their chart's width; in units of the primitive's space.
+    slide: f64,
+    /// The slides of others, likewise, by the points that stand for their charts.
+    lost: BTreeMap<u32, f64>,
     /// In radians.
     pub normal_angle: f64,
+}
+
+impl Change {
+    /// Returns the largest slide, in units of the primitive's space; see [`Charts::slide_of_lost`].
+    pub fn slide(&self, charts: &Charts) -> f64 {
+        self.slide.max(charts.slide_of_lost(&self.lost))
+    }
 }
 
 impl VertexList {
@@ -98,16 +110,16 @@ impl VertexList {
         &self.points
     }
 
-    /// Measures the change at vertices that `before` uses and `after` does not. `charts` are the
-    /// widths of their charts, and `nearest` gives the triangle of `after` that is nearest to a
-    /// vertex in space.
+    /// Adds the change at vertices that `before` uses and `after` does not. `charts` are those of
+    /// `before`, and `nearest` gives the triangle of `after` that is nearest to a vertex in space.
     pub fn change(
         &self,
         (before, after): (&[u32], &[u32]),
-        charts: &[f64],
+        charts: &Charts,
         after_set: &TriangleSet,
         nearest: impl Fn(u32) -> Nearest,
-    ) -> Change {
+        change: &mut Change,
+    ) {
         let mut is_removed = vec![false; self.points.len()];
         for index in before {
             is_removed[*index as usize] = true;
@@ -116,9 +128,8 @@ impl VertexList {
             is_removed[*index as usize] = false;
         }
         let removed = (0..).zip(is_removed).filter_map(|(index, is)| is.then_some(index));
-        let mut change = Change::default();
         for index in removed {
-            let slide_max = charts[index as usize];
+            let slide_max = charts.width(index);
             let point = self.points[index as usize];
             let fit = |triangle: u32| {
                 let first = triangle as usize * 3;
@@ -139,10 +150,14 @@ impl VertexList {
             let normals = corners.iter().zip(shares);
             let normal: DVec3 = normals.map(|(at, share)| self.normals[*at as usize] * share).sum();
             let cosine = normal.normalize_or_zero().dot(self.normals[index as usize]);
-            change.slide = change.slide.max(slide.min(slide_max));
+            if slide < slide_max {
+                change.slide = change.slide.max(slide);
+            } else if slide_max > 0.0 {
+                let most = change.lost.entry(charts.of(index)).or_insert(slide_max);
+                *most = most.max(slide);
+            }
             change.normal_angle = change.normal_angle.max(cosine.clamp(-1.0, 1.0).acos());
         }
-        change
     }
 }
 

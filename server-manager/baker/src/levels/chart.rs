@@ -5,38 +5,70 @@ use std::collections::BTreeMap;
 use foldhash::{HashMap, HashMapExt};
 use glam::{DVec2, DVec3};
 
-use super::part_group;
+use super::part_group::{self, PartGroup, PartPoints};
 use super::source::Source;
 use super::triangle_set::SurfacePoint;
 
-/// Returns for each point the width of its chart, in units of the primitive's space: 0 for one
-/// without a triangle. Triangles are of one chart if they are of one surface and have a point with
+/// The charts of triangles. These are of one chart if they are of one surface and have a point with
 /// the same place in space and on the textures, and the same colour.
-pub(super) fn widths(
-    points: &[SurfacePoint],
-    surface_of: impl Fn(u32) -> u32,
-    indices: &[u32],
-) -> Vec<f64> {
-    let mut first_at = HashMap::new();
-    let bits = |at: u32, point: &SurfacePoint| {
-        let looks = point.looks.map(|look| look.to_array().map(f64::to_bits));
-        (surface_of(at), point.position.to_array().map(f64::to_bits), looks)
-    };
-    // Each point's way to the one that stands for its chart.
-    let mut parents: Vec<u32> = (0..)
-        .zip(points)
-        .map(|(at, point)| *first_at.entry(bits(at, point)).or_insert(at))
-        .collect();
-    for corners in indices.as_chunks::<3>().0 {
-        join(&mut parents, *corners);
+#[derive(Debug)]
+pub(super) struct Charts {
+    /// The point that stands for the chart of each point.
+    chart_of: Vec<u32>,
+    /// The triangles of each chart by the point that stands for it.
+    parts: HashMap<u32, PartPoints>,
+}
+
+impl Charts {
+    /// The charts of triangles over these points.
+    pub fn new(points: &[SurfacePoint], surface_of: impl Fn(u32) -> u32, indices: &[u32]) -> Self {
+        let mut first_at = HashMap::new();
+        let bits = |at: u32, point: &SurfacePoint| {
+            let looks = point.looks.map(|look| look.to_array().map(f64::to_bits));
+            (surface_of(at), point.position.to_array().map(f64::to_bits), looks)
+        };
+        // Each point's way to the one that stands for its chart.
+        let mut parents: Vec<u32> = (0..)
+            .zip(points)
+            .map(|(at, point)| *first_at.entry(bits(at, point)).or_insert(at))
+            .collect();
+        for corners in indices.as_chunks::<3>().0 {
+            join(&mut parents, *corners);
+        }
+        let mut charts: HashMap<u32, Vec<DVec3>> = HashMap::new();
+        for &index in indices {
+            let chart = charts.entry(root(&mut parents, index)).or_default();
+            chart.push(points[index as usize].position);
+        }
+        let part = |(at, chart): (u32, Vec<DVec3>)| (at, PartPoints::of_chart(chart));
+        let parts = charts.into_iter().map(part).collect();
+        let chart_of = (0..points.len() as u32).map(|at| root(&mut parents, at)).collect();
+        Self { chart_of, parts }
     }
-    let mut charts: Vec<Vec<DVec3>> = vec![Vec::new(); points.len()];
-    for &index in indices {
-        charts[root(&mut parents, index) as usize].push(points[index as usize].position);
+
+    /// Returns the point that stands for a point's chart.
+    pub fn of(&self, point: u32) -> u32 {
+        self.chart_of[point as usize]
     }
-    let widths: Vec<f64> = charts.iter().map(|chart| part_group::width_of(chart)).collect();
-    let width = |point: u32| widths[root(&mut parents, point) as usize];
-    (0..points.len() as u32).map(width).collect()
+
+    /// Returns the width of a point's chart, in units of the primitive's space: 0 for one without a
+    /// triangle.
+    pub fn width(&self, point: u32) -> f64 {
+        self.parts.get(&self.of(point)).map_or(0.0, |part| part.width)
+    }
+
+    /// Returns the slide of charts of which something is lost, in units of the primitive's space.
+    /// `lost` has the largest slide that was found in each, by the point that stands for it. That
+    /// counts up to the width of the chart, or of all of them together that lie side by side.
+    pub fn slide_of_lost(&self, lost: &BTreeMap<u32, f64>) -> f64 {
+        let part = |(chart, slide): (&u32, &f64)| Some((self.parts.get(chart)?, *slide));
+        let (parts, slides): (Vec<&PartPoints>, Vec<f64>) = lost.iter().filter_map(part).unzip();
+        let slide = |group: &PartGroup| {
+            let most = group.parts.iter().map(|at| slides[*at]).fold(0.0, f64::max);
+            most.min(group.width)
+        };
+        part_group::groups(&parts).iter().map(slide).fold(0.0, f64::max)
+    }
 }
 
 /// How far texture coordinates of an atlas may be outside of the unit square.
@@ -162,7 +194,8 @@ mod tests {
         let points = points.map(|at| point(at, at[0]));
         let beyond = [[4.0, 0.0], [5.0, 0.5], [6.5, 0.0]].map(|at| point(at, at[0] + 9.0));
         let all: Vec<SurfacePoint> = points.into_iter().chain(beyond).collect();
-        let widths = widths(&all, |_| 0, &[0, 1, 2, 3, 4, 5, 6, 7, 8]);
+        let charts = Charts::new(&all, |_| 0, &[0, 1, 2, 3, 4, 5, 6, 7, 8]);
+        let widths: Vec<f64> = (0..9).map(|point| charts.width(point)).collect();
         let (own, beyond) = widths.split_at(6);
         assert!(own.iter().all(|width| *width == own[0] && (0.66..=1.0).contains(width)));
         assert!(beyond.iter().all(|width| *width == beyond[0] && (0.33..=0.5).contains(width)));

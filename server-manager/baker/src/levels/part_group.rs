@@ -29,7 +29,7 @@ pub(super) struct PartPoints {
     points: Vec<DVec3>,
     low: DVec3,
     high: DVec3,
-    /// See [`width::of_points`].
+    /// See [`width::of_points`], or [`width_of`] of a chart.
     pub width: f64,
 }
 
@@ -40,6 +40,13 @@ impl PartPoints {
             points.iter().fold(bounds, |(low, high), at| (low.min(*at), high.max(*at)));
         let width = width::of_points(points.iter().copied());
         Self { points, low, high, width }
+    }
+
+    /// The triangles of a chart of a texture or colour, which is as wide as what it covers: see
+    /// [`width_of`].
+    pub fn of_chart(points: Vec<DVec3>) -> Self {
+        let width = width_of(&points);
+        Self { width, ..Self::new(points) }
     }
 
     fn is_beside(&self, other: &Self) -> bool {

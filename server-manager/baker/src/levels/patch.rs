@@ -68,8 +68,7 @@ pub(super) struct Patch<'a> {
 #[derive(Debug)]
 struct Reference {
     surfaces: BTreeMap<u32, ReferenceSurface>,
-    /// The width of each vertex's chart, see [`chart::widths`].
-    charts: Vec<f64>,
+    charts: chart::Charts,
     /// The vertex that stands for each vertex's connected part.
     parts: Vec<u32>,
 }
@@ -308,14 +307,13 @@ impl<'a> Patch<'a> {
             deviation::measure(&mut deviation, &points, &added, &to_old, &before.set, negligible);
             let nearest = |index: u32| to_new[&self.welded[index as usize]];
             let lists = (&kept[..], &after[..]);
-            let change = self.looks.change(lists, &reference.charts, &new_set, nearest);
-            looks.slide = looks.slide.max(change.slide);
-            looks.normal_angle = looks.normal_angle.max(change.normal_angle);
+            self.looks.change(lists, &reference.charts, &new_set, nearest, &mut looks);
         }
         let reach = points.iter().map(|point| point.abs().max_element()).fold(0.0, f64::max);
         // Positions are no more exact than this themselves, so a smaller error has no meaning.
         let least = (reach * f64::from(f32::EPSILON)).max(f64::from(f32::MIN_POSITIVE));
-        let error = (deviation.upper + reach * ROUNDING).max(looks.slide).max(lost).max(least);
+        let slide = looks.slide(&reference.charts);
+        let error = (deviation.upper + reach * ROUNDING).max(slide).max(lost).max(least);
         (error <= limit).then_some((error, looks.normal_angle))
     }
 
@@ -329,7 +327,7 @@ impl<'a> Patch<'a> {
         let surfaces = by_surface(&self.indices, |index| self.surface_of(index));
         Reference {
             surfaces: surfaces.into_iter().map(|(at, own)| (at, of_surface(own))).collect(),
-            charts: chart::widths(
+            charts: chart::Charts::new(
                 self.looks.points(),
                 |index| self.surface_of(index),
                 &self.indices,

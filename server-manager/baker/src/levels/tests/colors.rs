@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 use glam::{DVec2, DVec3};
 use polyptych_scene::VertexLayout;
 
+use super::Drawn;
 use super::shapes::Shape;
 use crate::levels::appearance::UvLengths;
 use crate::levels::{Levels, Surface, build};
@@ -82,16 +83,24 @@ fn a_band_is_drawn_until_the_error_is_as_wide() {
     assert!(all > 4.0, "the band is gone for {all} m");
 }
 
-/// A palette has one place of a texture for each face: its area there is none.
-#[test]
-fn tiles_of_a_palette_keep_their_colours() {
+/// Tiles along each side of the mosaic.
+const TILES: u32 = 24;
+
+/// The column and row of a vertex's tile in the mosaic.
+fn tile_of(vertex: u32) -> [u32; 2] {
+    [vertex / 4 % TILES, vertex / 4 / TILES]
+}
+
+/// The place of a vertex's tile in a palette of 16 colours.
+fn texel(vertex: u32) -> u32 {
+    let [x, y] = tile_of(vertex);
+    (x * 7 + y * 5 + x * y) % 16
+}
+
+/// Tiles of 1 m, each with vertices and a colour of a palette of its own.
+fn mosaic() -> Shape {
     let mut mosaic = Shape::new("mosaic");
-    let tile_of = |vertex: u32| [vertex / 4 % 24, vertex / 4 / 24];
-    let texel = |vertex: u32| {
-        let [x, y] = tile_of(vertex);
-        (x * 7 + y * 5 + x * y) % 16
-    };
-    for tile in 0..24 * 24 {
+    for tile in 0..TILES * TILES {
         let [x, y] = tile_of(4 * tile).map(f64::from);
         let uv = DVec2::new(f64::from(texel(4 * tile)) / 16.0, 0.5);
         let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
@@ -99,14 +108,50 @@ fn tiles_of_a_palette_keep_their_colours() {
             corners.map(|[dx, dy]| mosaic.vertex(DVec3::new(x + dx, y + dy, 0.0), uv));
         mosaic.indices.extend([a, b, c, b, d, c]);
     }
-    let levels = build(&[mosaic.surface()], &AtomicBool::new(false)).expect("not cancelled");
-    let levels = levels.into_iter().next().flatten().expect("levels");
+    mosaic
+}
+
+/// A palette has one place of a texture for each face: its area there is none.
+#[test]
+fn tiles_of_a_palette_keep_their_colours() {
+    let levels = super::levels(&mosaic());
     for limit in [0.001, 0.25] {
         let corners = drawn(&levels, limit);
         let triangles = corners.as_chunks::<3>().0;
         let is_mixed = |of: &&[u32; 3]| of.iter().any(|at| texel(*at) != texel(of[0]));
         assert_eq!(triangles.iter().filter(is_mixed).count(), 0, "{limit} m");
         assert!(triangles.len() > 500, "{} triangles at {limit} m", triangles.len());
+    }
+}
+
+/// Returns whether triangles show a place of the mosaic's palette at a point of its plane.
+fn shows(drawn: &Drawn, at: DVec2, u: f64) -> bool {
+    let triangles = drawn.indices.as_chunks::<3>().0.iter().zip(&drawn.triangles);
+    let mut shown = triangles.filter_map(|(corners, places)| {
+        let [a, b, c] = places.map(|place| place.truncate() - at);
+        let area = (b - a).perp_dot(c - a);
+        let shares = [b.perp_dot(c), c.perp_dot(a), a.perp_dot(b)].map(|own| own / area);
+        let us = corners.map(|corner| f64::from(drawn.vertices[corner as usize * 8 + 6]));
+        let is_inside = shares.iter().all(|share| *share >= 0.0);
+        is_inside.then(|| us.iter().zip(shares).map(|(one, share)| one * share).sum::<f64>())
+    });
+    shown.any(|shown| (shown - u).abs() < 0.01)
+}
+
+/// Charts side by side that are left out count together, however narrow each of them is.
+#[test]
+fn a_mosaic_is_not_lost_for_the_width_of_a_tile() {
+    let mosaic = mosaic();
+    let levels = super::levels(&mosaic);
+    for (limit, least) in [(0.0, 576), (1.2, 300), (2.0, 300), (4.0, 300)] {
+        let drawn = Drawn::within(&mosaic, &levels, limit);
+        let is_right = |tile: &u32| {
+            let [x, y] = tile_of(4 * *tile).map(f64::from);
+            let at = DVec2::new(x + 0.3, y + 0.4);
+            shows(&drawn, at, f64::from(texel(4 * *tile)) / 16.0)
+        };
+        let right = (0..TILES * TILES).filter(is_right).count();
+        assert!(right >= least, "{right} of 576 tiles have their colours at {limit} m");
     }
 }
 
