@@ -9,6 +9,7 @@
 //! count likewise: as far as it is to where that colour is. At a seam, the side that fits is taken.
 //! A vertex that nothing fits any more, since its whole chart is left out, counts by the chart's
 //! width; such charts side by side, as the tiles of a mosaic, count by the width of all together.
+//! Where its chart is drawn all the same, as along a road, it slides by up to the chart's length.
 //! A colour that is off by a share of all that a component can be counts as a slide over a quarter
 //! as large a share of the surface's width.
 //!
@@ -34,12 +35,14 @@ const COLOR_SLIDE: f64 = 0.25;
 pub(super) struct VertexList {
     points: Vec<SurfacePoint>,
     normals: Vec<DVec3>,
+    /// `true` for a vertex with a colour of a palette, whose slide is no length.
+    palettes: Vec<bool>,
 }
 
 /// The largest changes at any vertex.
 #[derive(Debug, Default)]
 pub(super) struct Change {
-    /// Of vertices that slide by less than their chart's width; in units of the primitive's space.
+    /// That of vertices whose chart is not lost; in units of the primitive's space.
     slide: f64,
     /// The slides of others, likewise, by the points that stand for their charts.
     lost: BTreeMap<u32, f64>,
@@ -73,6 +76,7 @@ impl VertexList {
         }
         let is_other = |index: u32| !is_measured[index as usize];
         let simplified = by_surface(simplified, surface_of);
+        let mut palettes = vec![false; vertices.len()];
         for (surface, own) in by_surface(indices, surface_of) {
             for set in 0..2 {
                 let uv = |index: u32| source.uvs(vertices[index as usize])[set];
@@ -81,9 +85,10 @@ impl VertexList {
                 if let Some(simplified) = simplified.get(&surface) {
                     lengths.add(simplified, is_other, position, uv);
                 }
-                for (index, point) in (0..).zip(&mut points) {
+                for ((index, point), is_palette) in (0..).zip(&mut points).zip(&mut palettes) {
                     if surface_of(index) == surface {
-                        let place = uv(index) * lengths.at(index);
+                        *is_palette |= lengths.is_palette(index);
+                        let place = uv(index) * lengths.along(index);
                         point.looks[set] = if place.is_finite() { place } else { DVec2::ZERO };
                     }
                 }
@@ -102,7 +107,7 @@ impl VertexList {
         }
         // Those of a file may be a thousandth too long or too short, which looks like 2.5 degrees.
         let normal = |vertex: &u32| source.normal(*vertex).normalize_or_zero();
-        Self { points, normals: vertices.iter().map(normal).collect() }
+        Self { points, normals: vertices.iter().map(normal).collect(), palettes }
     }
 
     /// Returns its vertices' places in space and on the textures.
@@ -129,7 +134,12 @@ impl VertexList {
         }
         let removed = (0..).zip(is_removed).filter_map(|(index, is)| is.then_some(index));
         for index in removed {
-            let slide_max = charts.width(index);
+            let near = nearest(index).triangle;
+            let chart = charts.of(index);
+            let near_corners = &after[near as usize * 3..][..3];
+            let is_drawn = !self.palettes[index as usize]
+                && near_corners.iter().all(|corner| charts.of(*corner) == chart);
+            let slide_max = if is_drawn { charts.length(index) } else { charts.width(index) };
             let point = self.points[index as usize];
             let fit = |triangle: u32| {
                 let first = triangle as usize * 3;
@@ -138,7 +148,7 @@ impl VertexList {
                 let shares = shares_of_nearest(point, &points);
                 (point.distance(SurfacePoint::mix(&points, shares)), corners, shares)
             };
-            let mut best = fit(nearest(index).triangle);
+            let mut best = fit(near);
             after_set.visit_within(point.position, best.0.min(slide_max), |triangle| {
                 let other = fit(triangle);
                 if other.0 < best.0 {
@@ -150,10 +160,10 @@ impl VertexList {
             let normals = corners.iter().zip(shares);
             let normal: DVec3 = normals.map(|(at, share)| self.normals[*at as usize] * share).sum();
             let cosine = normal.normalize_or_zero().dot(self.normals[index as usize]);
-            if slide < slide_max {
-                change.slide = change.slide.max(slide);
+            if is_drawn || slide < slide_max {
+                change.slide = change.slide.max(slide.min(slide_max));
             } else if slide_max > 0.0 {
-                let most = change.lost.entry(charts.of(index)).or_insert(slide_max);
+                let most = change.lost.entry(chart).or_insert(slide_max);
                 *most = most.max(slide);
             }
             change.normal_angle = change.normal_angle.max(cosine.clamp(-1.0, 1.0).acos());
@@ -180,9 +190,9 @@ const STRAY_DENSITY: f64 = 16.0;
 /// How long texture units are on a surface.
 #[derive(Debug, Default)]
 pub(super) struct UvLengths {
-    /// On average, where triangles have an area on the texture, but for strays; 0 if that has no
-    /// meaning.
-    textured: f64,
+    /// Of both coordinates, on average, where triangles have an area on the texture, but for
+    /// strays; 0 if that has no meaning.
+    textured: DVec2,
     /// Of vertices whose triangles have one place of the texture each: any two of those are as far
     /// from each other as can be.
     palette: f64,
@@ -190,8 +200,9 @@ pub(super) struct UvLengths {
 }
 
 impl UvLengths {
-    /// The lengths on these triangles: the root of their area on the surface by that on the
-    /// texture. See [`STRAY_DENSITY`] for those that are left out.
+    /// The lengths on these triangles: their product is their area on the surface by that on the
+    /// texture, and one by the other is as on the middle triangle. See [`STRAY_DENSITY`] for those
+    /// that are left out.
     pub fn new(
         indices: &[u32],
         position: impl Fn(u32) -> DVec3,
@@ -205,9 +216,12 @@ impl UvLengths {
         let bounds = indices.iter().map(|index| (position(*index), position(*index)));
         let bounds = bounds.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
         let palette = bounds.map_or(0.0, |(min, max)| (max - min).length()) * PALETTE_UNITS;
-        let mut lengths = Self { textured: 0.0, palette, palette_vertices: HashSet::new() };
-        let areas = lengths.add(indices, |_| true, position, uv);
-        let densest = middle_density(&areas) * STRAY_DENSITY;
+        let textured = DVec2::ZERO;
+        let mut lengths = Self { textured, palette, palette_vertices: HashSet::new() };
+        let areas = lengths.add(indices, |_| true, &position, &uv);
+        let density = |[own, of]: [f64; 2]| [of / own, own];
+        let densities = areas.iter().filter(|[own, _]| *own > 0.0).map(|of| density(*of));
+        let densest = middle(densities).unwrap_or(f64::INFINITY) * STRAY_DENSITY;
         let (mut area, mut texture_area) = (0.0, 0.0);
         for [own, own_texture] in areas {
             if own_texture <= own * densest {
@@ -216,7 +230,12 @@ impl UvLengths {
             }
         }
         let length = (area / texture_area).sqrt();
-        lengths.textured = if length.is_finite() { length } else { 0.0 };
+        let triangles = indices.as_chunks::<3>().0.iter();
+        let stretches = triangles
+            .filter_map(|corners| stretch(corners.map(&position), corners.map(&uv), palette));
+        let stretch = middle(stretches).unwrap_or(1.0).sqrt();
+        let both = DVec2::new(length * stretch, length / stretch);
+        lengths.textured = if both.is_finite() { both } else { DVec2::ZERO };
         lengths
     }
 
@@ -250,23 +269,46 @@ impl UvLengths {
         areas
     }
 
-    /// The length of a texture unit at a vertex.
+    /// The lengths of units of both texture coordinates at a vertex.
+    pub fn along(&self, index: u32) -> DVec2 {
+        if self.is_palette(index) { DVec2::splat(self.palette) } else { self.textured }
+    }
+
+    /// The longer one of these lengths.
     pub fn at(&self, index: u32) -> f64 {
-        if self.palette_vertices.contains(&index) { self.palette } else { self.textured }
+        self.along(index).max_element()
+    }
+
+    /// Returns whether a vertex has a colour of a palette.
+    pub fn is_palette(&self, index: u32) -> bool {
+        self.palette_vertices.contains(&index)
     }
 }
 
-/// Returns the area on the texture by that on the surface that is the median of triangles, by their
-/// areas on the surface; each has both. Infinite without a surface.
-fn middle_density(areas: &[[f64; 2]]) -> f64 {
-    let areas = areas.iter().filter(|[own, _]| *own > 0.0);
-    let mut by_density: Vec<[f64; 2]> = areas.map(|[own, of]| [of / own, *own]).collect();
-    by_density.sort_unstable_by(|one, two| one[0].total_cmp(&two[0]));
-    let half = by_density.iter().map(|[_, own]| own).sum::<f64>() / 2.0;
+/// Returns how long a unit of the first texture coordinate is on a triangle by one of the second,
+/// and twice the triangle's area; `None` if it has no texture, or a single place of a palette, of
+/// which a unit is `palette` long.
+fn stretch([a, b, c]: [DVec3; 3], uvs: [DVec2; 3], palette: f64) -> Option<[f64; 2]> {
+    let (edge, other) = (b - a, c - a);
+    let (uv, other_uv) = (uvs[1] - uvs[0], uvs[2] - uvs[0]);
+    let (own, own_texture) = (edge.cross(other).length(), uv.perp_dot(other_uv).abs());
+    // The ways along which one coordinate stays as it is, both by the area on the texture.
+    let first = (edge * other_uv.y - other * uv.y).length();
+    let second = (other * uv.x - edge * other_uv.x).length();
+    let ratio = first / second;
+    let is_textured = own > 0.0 && own_texture > 0.0 && own <= own_texture * palette * palette;
+    (is_textured && ratio > 0.0 && ratio.is_finite()).then_some([ratio, own])
+}
+
+/// Returns the median of values with their weights, which follow them.
+fn middle(values: impl Iterator<Item = [f64; 2]>) -> Option<f64> {
+    let mut sorted: Vec<[f64; 2]> = values.collect();
+    sorted.sort_unstable_by(|one, two| one[0].total_cmp(&two[0]));
+    let half = sorted.iter().map(|[_, weight]| weight).sum::<f64>() / 2.0;
     let mut sum = 0.0;
-    let middle = by_density.iter().find(|[_, own]| {
-        sum += own;
+    let middle = sorted.iter().find(|[_, weight]| {
+        sum += weight;
         sum >= half
     });
-    middle.map_or(f64::INFINITY, |[density, _]| *density)
+    middle.map(|[value, _]| *value)
 }

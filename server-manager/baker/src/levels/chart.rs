@@ -57,6 +57,11 @@ impl Charts {
         self.parts.get(&self.of(point)).map_or(0.0, |part| part.width)
     }
 
+    /// Returns how long a point's chart is, likewise, and at least its width.
+    pub fn length(&self, point: u32) -> f64 {
+        self.parts.get(&self.of(point)).map_or(0.0, |part| part.length().max(part.width))
+    }
+
     /// Returns the slide of charts of which something is lost, in units of the primitive's space.
     /// `lost` has the largest slide that was found in each, by the point that stands for it. That
     /// counts up to the width of the chart, or of all of them together that lie side by side.

@@ -49,6 +49,11 @@ impl PartPoints {
         Self { width, ..Self::new(points) }
     }
 
+    /// Returns the diagonal of the box around them.
+    pub fn length(&self) -> f64 {
+        (self.high - self.low).length()
+    }
+
     fn is_beside(&self, other: &Self) -> bool {
         let gap = (self.low - other.high).max(other.low - self.high).max_element();
         gap <= GAP * self.width.min(other.width)

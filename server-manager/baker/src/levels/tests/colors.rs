@@ -186,6 +186,51 @@ fn one_place_of_a_texture_costs_no_detail() {
     }
 }
 
+/// Returns how far along x it is from a point of a strip to where triangles show the same first
+/// texture coordinate, at least; 0 if they show it nowhere.
+fn way_along(drawn: &Drawn, at: f64, u: f64) -> f64 {
+    let triangles = drawn.indices.as_chunks::<3>().0.iter().zip(&drawn.triangles);
+    let ways = triangles.filter_map(|(corners, places)| {
+        let us = corners.map(|corner| f64::from(drawn.vertices[corner as usize * 8 + 6]));
+        let crossing = |[one, two]: [usize; 2]| {
+            let share = (u - us[one]) / (us[two] - us[one]);
+            let x = places[one].x + (places[two].x - places[one].x) * share;
+            (0.0..=1.0).contains(&share).then_some(x)
+        };
+        let xs = [[0, 1], [1, 2], [2, 0]].map(crossing).into_iter().flatten();
+        let (low, high) =
+            xs.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
+        if low <= high { Some((low - at).max(at - high).max(0.0)) } else { None }
+    });
+    ways.reduce(f64::min).unwrap_or(0.0)
+}
+
+/// A texture along a road slides along it by more than the road is wide. A vertex's slide counts
+/// in space and on the texture at once, at the average length of a unit: by half of it at least.
+#[test]
+fn a_texture_of_a_long_strip_slides_by_its_own_length() {
+    let along = |u: f64| 50.0 * (u + u * u);
+    let road = Shape::new("road").all([64, 4], |u, v| DVec3::new(along(u), 5.0 * v, 0.0));
+    let levels = super::levels(&road);
+    for error in levels.facts.errors.iter().map(|error| *error as f32) {
+        let drawn = Drawn::within(&road, &levels, error);
+        let ways = (0..=64).map(|at| f64::from(at) / 64.0).map(|u| way_along(&drawn, along(u), u));
+        let way = ways.fold(0.0, f64::max);
+        assert!(way <= 2.0 * drawn.error + 1e-3, "{way} m for an error of {} m", drawn.error);
+    }
+}
+
+/// Units of both coordinates have a length each.
+#[test]
+fn units_along_a_strip_are_longer_than_across_it() {
+    let at = |index: u32| [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]][index as usize];
+    let uv = |index: u32| DVec2::from(at(index));
+    let position = |index: u32| (uv(index) * DVec2::new(100.0, 5.0)).extend(0.0);
+    let lengths = UvLengths::new(&[0, 1, 2, 1, 3, 2], position, uv);
+    assert!(lengths.along(0).distance(DVec2::new(100.0, 5.0)) < 1e-9, "{}", lengths.along(0));
+    assert_eq!(lengths.at(0), lengths.along(0).x);
+}
+
 /// Where a part of a surface has the colours of a palette, and another one a texture, each has the
 /// length of its own.
 #[test]
