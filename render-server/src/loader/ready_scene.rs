@@ -154,10 +154,10 @@ impl Loader {
         if before.version == version {
             return Ok(Some(kept));
         }
-        let Some(moved) = moves::moved_items(before, &replica.edits) else { return Ok(None) };
+        let moved = moves::moved_items(before, &replica.edits);
+        let Some((moved, motion)) = moved else { return Ok(None) };
         let (layout, moved) = (Arc::clone(&before.layout), Some(Arc::new(moved)));
         self.upload(Upload::Relayout { layout, moved })?;
-        let motion = Motion::new(&before.base, &before.placed, &replica.edits).map(Arc::new);
         Ok(Some(ReadyScene { version, motion, ..kept }))
     }
 

@@ -3,11 +3,11 @@
 use std::thread;
 
 use crossbeam_channel::bounded;
-use glam::{DAffine3, DVec3, Vec3};
+use glam::{DAffine3, DQuat, DVec3, Vec3};
 use polyptych_protocol::state_log::{Operation, SceneRef};
 use polyptych_scene::{
-    Edit, IndexFormat, Mesh, Node, NodeId, Primitive, Sampler, Scene, Texture, TextureFormat,
-    Topology, VertexLayout,
+    AnimatedNode, Edit, IndexFormat, Mesh, Node, NodeId, Primitive, Sampler, Scene, Texture,
+    TextureFormat, Topology, VertexLayout,
 };
 
 use super::*;
@@ -87,12 +87,17 @@ impl Stage {
     /// Orders a scene of a mesh of so many primitives, drawn by so many nodes. States that were
     /// ready before were refused.
     fn order(&self, revision: u64, primitives: usize, nodes: usize) {
+        let scene = self.scene_of(primitives, nodes);
+        self.open(revision, &scene, Vec::new());
+    }
+
+    /// A scene of a mesh of so many primitives, drawn by so many nodes.
+    fn scene_of(&self, primitives: usize, nodes: usize) -> Scene {
         let bytes = vec![0; 3 * VertexLayout::default().stride() as usize + 6];
         let blob = self.cache.write(&bytes).expect("written");
         let node = Node { mesh: Some(0), ..Node::default() };
         let mesh = Mesh { name: String::new(), primitives: vec![triangle(blob); primitives] };
-        let scene = Scene { nodes: vec![node; nodes], meshes: vec![mesh], ..Scene::default() };
-        self.open(revision, &scene, Vec::new());
+        Scene { nodes: vec![node; nodes], meshes: vec![mesh], ..Scene::default() }
     }
 
     /// Orders a scene, behind these operations.
@@ -323,4 +328,39 @@ fn a_scene_whose_textures_are_reduced_is_warned_of_also_behind_one_that_failed()
     }
     let warning = warning.expect("its textures are reduced still");
     assert!(warning.contains("1/2 of their width and height"), "{warning}");
+}
+
+#[test]
+fn a_node_that_clips_move_and_no_edit_mirrors_any_more_asks_for_a_new_layout() {
+    let mut stage = Stage::new();
+    let loader = stage.loader.take().expect("not run yet");
+    let thread = thread::Builder::new().name("loader".into()).spawn(|| loader.run());
+    let expect_ready = |stage: &mut Stage, revision: u64| {
+        let report = stage.reports.blocking_recv().expect("an answer");
+        let RenderEvent::Status(ServerMessage::Prepared(prepared)) = report else {
+            panic!("{report:?}")
+        };
+        assert_eq!(prepared.revision, Revision(revision));
+    };
+    let moving = AnimatedNode {
+        node: 0,
+        translation: DVec3::ZERO,
+        rotation: DQuat::IDENTITY,
+        scale: DVec3::ONE,
+        weights: Vec::new(),
+    };
+    let mut scene = stage.scene_of(1, 9);
+    scene.animations.nodes = vec![moving];
+    stage.open(1, &scene, Vec::new());
+    expect_ready(&mut stage, 1);
+    // Its batch has a twin with the second and the third of them only.
+    for (revision, width) in (2..).zip([2.0, -2.0, -3.0, 3.0, 4.0]) {
+        let local = DAffine3::from_scale(DVec3::new(width, 1.0, 1.0));
+        stage.edit(revision, vec![Edit::SetTransform { node: NodeId(0), local }]);
+        expect_ready(&mut stage, revision);
+    }
+    drop((stage.orders, stage.line));
+    thread.expect("a thread").join().expect("no panic");
+    let uploads = stage.uploads.join().expect("no panic");
+    assert_eq!(uploads, Uploads { begun: 1, laid_out: 2, moved: vec![1, 1, 1] });
 }
