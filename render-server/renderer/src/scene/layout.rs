@@ -16,7 +16,7 @@ use super::content_place::ContentPlace;
 use super::draw_item::{self, Bounds, DrawItem, Stance};
 use super::items_by_batch::ItemsByBatch;
 use super::light::{GROUND, Lights};
-use super::material::StyledMaterial;
+use super::material::StyledMaterials;
 use super::moving_items::turning_items;
 use super::outline::Outline;
 use super::slots::{
@@ -61,7 +61,7 @@ pub struct SceneLayout {
     /// Their geometries stand behind all others.
     pub(super) outlines: Vec<Outline>,
     /// They stand behind the default material.
-    pub(super) styled: Vec<StyledMaterial>,
+    pub(super) styled: StyledMaterials,
     /// The properties of materials that clips may change.
     pub(super) changing: Vec<(u32, MaterialProperty)>,
     pub(crate) billboards: Vec<Billboard>,

@@ -1,5 +1,7 @@
 //! Materials on the GPU, and what each asks of its pipeline.
 
+use std::collections::HashMap;
+use std::ops::Deref;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
@@ -84,6 +86,13 @@ impl StyledMaterial {
         is_styled.then_some(Self { material, is_unlit, highlight })
     }
 
+    /// All that tells it apart: the material, whether it is unlit, and the bits of the highlight.
+    fn name(&self) -> (u32, bool, [u32; 4]) {
+        // Both zeros are one number.
+        let bits = self.highlight.to_array().map(|part| (part + 0.0).to_bits());
+        (self.material, self.is_unlit, bits)
+    }
+
     /// Its description, of that of the material.
     pub fn desc(&self, of: &Material) -> Material {
         Material { unlit: of.unlit || self.is_unlit, ..of.clone() }
@@ -93,6 +102,39 @@ impl StyledMaterial {
     pub fn features(&self, of: &Material, layout: VertexLayout) -> MaterialFeatures {
         let highlighted = self.highlight != Vec4::ZERO;
         MaterialFeatures { highlighted, ..features(&self.desc(of), layout) }
+    }
+}
+
+/// The materials of a layout as styles draw them, each once. Each node may have a tint of its own.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct StyledMaterials {
+    all: Vec<StyledMaterial>,
+    /// The index of each, by its name.
+    known: HashMap<(u32, bool, [u32; 4]), u32>,
+}
+
+impl StyledMaterials {
+    /// Returns the index of a material, which is added if it is not there.
+    pub fn add(&mut self, styled: StyledMaterial) -> u32 {
+        let next = self.all.len() as u32;
+        let index = *self.known.entry(styled.name()).or_insert(next);
+        if index == next {
+            self.all.push(styled);
+        }
+        index
+    }
+
+    /// Returns the index of a material, if it is there.
+    fn find(&self, styled: &StyledMaterial) -> Option<u32> {
+        self.known.get(&styled.name()).copied()
+    }
+}
+
+impl Deref for StyledMaterials {
+    type Target = [StyledMaterial];
+
+    fn deref(&self) -> &Self::Target {
+        &self.all
     }
 }
 
@@ -199,14 +241,14 @@ impl SceneLayout {
 
     /// The number in another layout of a material that is the same there, with all its textures,
     /// and that clips change in neither; `None` where there is none.
-    fn same_material(&self, material: u32, other: &Self) -> Option<u32> {
+    pub(crate) fn same_material(&self, material: u32, other: &Self) -> Option<u32> {
         let [default, others_default] = [self, other].map(|of| of.desc.materials.len() as u32);
         // Its numbers here and there without a style, and its number there.
         let (own, others, number) = match material.checked_sub(default + 1) {
             Some(at) => {
                 let styled = self.styled.get(at as usize)?;
-                let at = other.styled.iter().position(|of| of == styled)?;
-                (styled.material, styled.material, others_default + 1 + at as u32)
+                let at = other.styled.find(styled)?;
+                (styled.material, styled.material, others_default + 1 + at)
             }
             None if material == default => (default, others_default, others_default),
             None => (material, material, material),

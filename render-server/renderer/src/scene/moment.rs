@@ -48,7 +48,7 @@ impl GpuScene {
             let Some(of_scene) = desc.materials.get(one.material as usize) else { continue };
             let mut material = of_scene.clone();
             one.apply_to(&mut material);
-            let behind = (desc.materials.len() as u32 + 1..).zip(styled);
+            let behind = (desc.materials.len() as u32 + 1..).zip(styled.iter());
             let of_it = behind.filter(|(_, of)| of.material == one.material);
             let of_it = of_it.map(|(number, of)| (number, of.highlight));
             for (number, highlight) in std::iter::once((one.material, Vec4::ZERO)).chain(of_it) {

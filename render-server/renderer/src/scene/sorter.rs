@@ -9,7 +9,7 @@ use polyptych_wall::ShadowFilter;
 
 use super::draw_item::{Bounds, PrimitiveInstance};
 use super::light::Lights;
-use super::material::StyledMaterial;
+use super::material::{StyledMaterial, StyledMaterials};
 use super::outline::Outline;
 use super::{Batch, material, outline};
 use crate::pipeline::{Alpha, Cull, MaterialFeatures, PipelineKey};
@@ -37,7 +37,7 @@ pub(super) struct Sorter<'a> {
     /// The number of geometries that are not outlines.
     geometry_count: usize,
     pub outlines: Vec<Outline>,
-    pub styled: Vec<StyledMaterial>,
+    pub styled: StyledMaterials,
     /// See [`SceneLayout::twins`](super::SceneLayout::twins).
     pub twins: HashMap<u32, u32>,
 }
@@ -81,7 +81,7 @@ impl<'a> Sorter<'a> {
             known: HashMap::new(),
             geometry_count,
             outlines: Vec::new(),
-            styled: Vec::new(),
+            styled: StyledMaterials::default(),
             twins: HashMap::new(),
         }
     }
@@ -120,12 +120,7 @@ impl<'a> Sorter<'a> {
         style: NodeStyle,
     ) -> (u32, Option<StyledMaterial>) {
         let Some(styled) = StyledMaterial::new(material, style) else { return (material, None) };
-        let known = self.styled.iter().position(|one| *one == styled);
-        let index = known.unwrap_or_else(|| {
-            self.styled.push(styled);
-            self.styled.len() - 1
-        });
-        ((desc.materials.len() + 1 + index) as u32, Some(styled))
+        (desc.materials.len() as u32 + 1 + self.styled.add(styled), Some(styled))
     }
 
     /// Returns the batch of a placement, whose box does not count it yet.

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use glam::{Affine2, DAffine3, DVec3, Vec2, Vec3, Vec4};
 use polyptych_scene::{
-    ChangedMaterial, Clearcoat, Light, LightKind, Material, MaterialExtensions, MaterialProperty,
-    NodeStyle, NodeTraits, Shading, TextureRef,
+    ChangedMaterial, Clearcoat, Highlight, Light, LightKind, Material, MaterialExtensions,
+    MaterialProperty, NodeStyle, NodeTraits, Shading, TextureRef,
 };
 
 use super::harness::{MeshFixture, SceneFixture, differences, draw, gpu, look, matt};
@@ -188,4 +188,37 @@ fn materials_that_stay_as_they_are_keep_their_bindings_beside_others() {
         [(0, 0), (2, 3), (3, 4)].into_iter().all(|(number, now)| is_shared(&added, number, now))
     );
     check(&stage, &added);
+}
+
+#[test]
+fn each_of_many_tints_is_found_in_another_layout() {
+    let mut stage = SceneFixture::new();
+    let materials = [matt(0.2, 0.6, 0.9), matt(0.9, 0.2, 0.1)].map(|of| stage.material(of));
+    let meshes = materials.map(|of| stage.mesh(&MeshFixture::rectangle(0.4, 0.4), Some(of)));
+    for node in 0..600 {
+        stage.node(meshes[node % 2], DAffine3::IDENTITY);
+    }
+    // Tints that come more than once, and unlit ones beside them.
+    let style = |node: usize, of: usize| {
+        let color = Vec3::new((of % 19) as f32, (of % 7) as f32, 1.0) / 19.0;
+        let highlight = Some(Highlight::Tint { color, share: 0.5 });
+        let shading = node.is_multiple_of(3).then_some(Shading::Unlit);
+        NodeStyle { highlight, shading, ..NodeStyle::default() }
+    };
+    let layout = |first: usize| {
+        let styles: Vec<_> = (0..600).map(|node| style(node, first + node % 100)).collect();
+        let traits = NodeTraits { styles: styles.clone(), ..NodeTraits::of_file(600) };
+        let layout = SceneLayout::with_traits(stage.desc.clone(), &traits, &|| false);
+        (layout.expect("sound"), styles)
+    };
+    let ((one, styles), (other, others)) = (layout(0), layout(50));
+    let number = |of: &SceneLayout, node: usize| of.batches[of.items[node].batch as usize].material;
+    let mut found = 0;
+    for (node, style) in styles.iter().enumerate() {
+        let is_it = |at: &usize| others[*at] == *style && at % 2 == node % 2;
+        let wanted = (0..600).find(is_it).map(|at| number(&other, at));
+        assert_eq!(one.same_material(number(&one, node), &other), wanted, "node {node}");
+        found += usize::from(wanted.is_some());
+    }
+    assert!((1..600).contains(&found), "{found} of 600");
 }
