@@ -197,10 +197,9 @@ impl SceneBuilder {
         let desc = in_mesh.ok_or_else(|| nowhere(&what))?;
         check_size(&what, bytes, desc.bytes())?;
         let slot = self.layout.geometries.of[self.layout.first_primitive[mesh] + primitive];
-        let needs_outline =
-            |(of, outline): (&Outline, &Option<Geometry>)| of.slot == slot && outline.is_none();
-        let mut outlines = self.layout.outlines.iter().zip(&self.outlines);
-        if self.geometries[slot].is_some() && !outlines.any(needs_outline) {
+        let outlines = self.layout.outlines.of_slot(slot);
+        if self.geometries[slot].is_some() && outlines.iter().all(|at| self.outlines[*at].is_some())
+        {
             return Ok(());
         }
         if let Some(index) = geometry::index_beyond(desc, bytes) {
@@ -217,8 +216,9 @@ impl SceneBuilder {
             });
             Geometry::upload(gpu, desc, (bytes, room), meshlets)
         };
-        for (of, outline) in self.layout.outlines.iter().zip(&mut self.outlines) {
-            if of.slot == slot && outline.is_none() {
+        for &at in outlines {
+            let (of, outline) = (&self.layout.outlines[at], &mut self.outlines[at]);
+            if outline.is_none() {
                 *outline = Some(if of.fill == Fill::Solid {
                     geometry.blended(desc, bytes)
                 } else {

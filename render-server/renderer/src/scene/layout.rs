@@ -18,7 +18,7 @@ use super::items_by_batch::ItemsByBatch;
 use super::light::{GROUND, Lights};
 use super::material::StyledMaterials;
 use super::moving_items::turning_items;
-use super::outline::Outline;
+use super::outline::{Outline, Outlines};
 use super::slots::{
     GeometryName, Slots, TextureName, first_primitives, geometry_name, geometry_names, texture_name,
 };
@@ -59,7 +59,7 @@ pub struct SceneLayout {
     pub(crate) ground: Vec3,
     pub(crate) blends: bool,
     /// Their geometries stand behind all others.
-    pub(super) outlines: Vec<Outline>,
+    pub(super) outlines: Outlines,
     /// They stand behind the default material.
     pub(super) styled: StyledMaterials,
     /// The properties of materials that clips may change.

@@ -4,6 +4,9 @@
 //! Lines are drawn from indices, and not by a GPU that fills no polygons: that is an option which
 //! not every GPU has, and it would draw an edge of two triangles twice.
 
+use std::collections::HashMap;
+use std::ops::Deref;
+
 use polyptych_scene::{Fill, Primitive, Topology};
 
 /// A primitive of which edges or vertices are drawn, or whose triangles are blended.
@@ -16,6 +19,40 @@ pub(crate) struct Outline {
     /// One of the meshes that have it, and its index there.
     pub mesh: usize,
     pub primitive: usize,
+}
+
+/// The outlines of a layout, each once.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Outlines {
+    all: Vec<Outline>,
+    /// The indices of those of each slot that has any: one for each fill at most.
+    of_slots: HashMap<usize, Vec<usize>>,
+}
+
+impl Outlines {
+    /// Returns the index of an outline of its slot and fill, which is added if there is none.
+    pub fn add(&mut self, outline: Outline) -> usize {
+        let of_slot = self.of_slots.entry(outline.slot).or_default();
+        let known = of_slot.iter().copied().find(|at| self.all[*at].fill == outline.fill);
+        known.unwrap_or_else(|| {
+            self.all.push(outline);
+            of_slot.push(self.all.len() - 1);
+            self.all.len() - 1
+        })
+    }
+
+    /// The indices of the outlines of a slot.
+    pub fn of_slot(&self, slot: usize) -> &[usize] {
+        self.of_slots.get(&slot).map_or(&[][..], Vec::as_slice)
+    }
+}
+
+impl Deref for Outlines {
+    type Target = [Outline];
+
+    fn deref(&self) -> &Self::Target {
+        &self.all
+    }
 }
 
 /// The topology that is drawn of a primitive in a style, if that is not all of it.
@@ -86,6 +123,24 @@ mod tests {
             }
         }
         (primitive, bytes)
+    }
+
+    #[test]
+    fn outlines_are_found_by_slot_and_fill() {
+        let fills = [Fill::Wireframe, Fill::Points, Fill::Solid];
+        let mut outlines = Outlines::default();
+        for at in (0..1000).chain(0..1000) {
+            // Slots come back after others, and not each has all fills.
+            let (slot, fill) = (at * 7 % 40, fills[at % 4 % 3]);
+            let known = outlines.iter().position(|of| of.slot == slot && of.fill == fill);
+            let wanted = known.unwrap_or(outlines.len());
+            assert_eq!(outlines.add(Outline { slot, fill, mesh: at, primitive: 0 }), wanted);
+        }
+        for slot in 0..41 {
+            let all = outlines.iter().enumerate().filter(|(_, of)| of.slot == slot);
+            let wanted: Vec<usize> = all.map(|(at, _)| at).collect();
+            assert_eq!(outlines.of_slot(slot), wanted, "slot {slot}");
+        }
     }
 
     #[test]

@@ -10,7 +10,7 @@ use polyptych_wall::ShadowFilter;
 use super::draw_item::{Bounds, PrimitiveInstance};
 use super::light::Lights;
 use super::material::{StyledMaterial, StyledMaterials};
-use super::outline::Outline;
+use super::outline::{Outline, Outlines};
 use super::{Batch, material, outline};
 use crate::pipeline::{Alpha, Cull, MaterialFeatures, PipelineKey};
 
@@ -36,7 +36,7 @@ pub(super) struct Sorter<'a> {
     known: HashMap<(usize, u64, u32, bool), u32>,
     /// The number of geometries that are not outlines.
     geometry_count: usize,
-    pub outlines: Vec<Outline>,
+    pub outlines: Outlines,
     pub styled: StyledMaterials,
     /// See [`SceneLayout::twins`](super::SceneLayout::twins).
     pub twins: HashMap<u32, u32>,
@@ -80,7 +80,7 @@ impl<'a> Sorter<'a> {
             keys: Vec::new(),
             known: HashMap::new(),
             geometry_count,
-            outlines: Vec::new(),
+            outlines: Outlines::default(),
             styled: StyledMaterials::default(),
             twins: HashMap::new(),
         }
@@ -103,12 +103,8 @@ impl<'a> Sorter<'a> {
             fill = Fill::Solid;
         }
         let topology = drawn.unwrap_or(own);
-        let known = self.outlines.iter().position(|of| of.slot == slot && of.fill == fill);
-        let index = known.unwrap_or_else(|| {
-            let (mesh, primitive) = (placement.mesh as usize, placement.primitive as usize);
-            self.outlines.push(Outline { slot, fill, mesh, primitive });
-            self.outlines.len() - 1
-        });
+        let (mesh, primitive) = (placement.mesh as usize, placement.primitive as usize);
+        let index = self.outlines.add(Outline { slot, fill, mesh, primitive });
         (self.geometry_count + index, topology)
     }
 
