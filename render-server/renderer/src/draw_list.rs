@@ -320,8 +320,12 @@ fn sphere_of_crowd(scene: &GpuScene, item: &DrawItem, stance: &Stance) -> (DVec3
 /// Batches are as near as those of their items that the view shows: what it does not show must not
 /// decide which of two surfaces of one depth wins.
 fn sort(scene: &GpuScene, view: &ViewDesc, items: &[u32], scratch: &mut Scratch) {
-    let part = scene.layout.tree.select(&view.subset);
-    let own = (!part.has_all_places()).then(|| scene.batch_bounds_of(part));
+    scratch.opaque.clear();
+    scratch.blended.clear();
+    if items.is_empty() {
+        return;
+    }
+    let own = scene.batch_bounds_of(scene.layout.tree.select(&view.subset));
     let is_grouped = scene.layout.batches.len() > NEAR_FIRST_BATCHES_MAX;
     // A map of shadows may show some items of a scene of 100,000 batches.
     let (all, none) = (scene.layout.batches.len(), u32::MAX);
@@ -364,8 +368,6 @@ fn sort(scene: &GpuScene, view: &ViewDesc, items: &[u32], scratch: &mut Scratch)
         }
         (opaque, blended)
     };
-    scratch.opaque.clear();
-    scratch.blended.clear();
     for (opaque, blended) in many_items::parts(items, keys) {
         scratch.opaque.extend(opaque);
         scratch.blended.extend(blended);

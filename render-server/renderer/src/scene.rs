@@ -21,6 +21,7 @@ mod moment;
 mod moved_items;
 mod moving_items;
 mod outline;
+mod part_bounds;
 mod slots;
 mod sorter;
 mod subset;
@@ -53,6 +54,7 @@ pub(crate) use material::{MaterialUniform, Materials};
 pub(crate) use material_extension::{ExtensionFeatures, ExtensionUniform};
 pub(crate) use meshlet::{MeshletCull, Meshlets, joined};
 pub use moved_items::{MovedItems, MovedNode};
+use part_bounds::PartBounds;
 pub(crate) use subset::Selection;
 pub(crate) use triangle_order::TriangleOrder;
 
@@ -88,6 +90,7 @@ pub struct GpuScene {
     pub(crate) layout: Arc<SceneLayout>,
     /// Items that stand elsewhere than in the layout.
     moved: Option<Arc<MovedItems>>,
+    part_bounds: PartBounds,
     /// Items with masks whose material is changed by clips, rising.
     painted: Arc<[u32]>,
     pub(crate) geometries: Arc<Vec<Geometry>>,
@@ -178,6 +181,7 @@ impl GpuScene {
             ordered,
             layout,
             moved,
+            part_bounds: PartBounds::default(),
             painted: Arc::default(),
             geometries: Arc::clone(&self.geometries),
             materials,
@@ -274,27 +278,13 @@ impl GpuScene {
 
     /// Around those batches of a part of it.
     fn extent_of(&self, of: Selection, has: impl Fn(&Batch) -> bool) -> Bounds {
-        let own = (!of.has_all_places()).then(|| self.batch_bounds_of(of));
+        let own = self.batch_bounds_of(of);
         let is_shown = |of_all: &Batch| of.has_layer(of_all.layer) && has(of_all);
         let shown = (0u32..).zip(&self.layout.batches).filter(|(_, of_all)| is_shown(of_all));
         let bounds = shown.map(|(at, _)| {
             own.as_ref().map_or_else(|| self.batch_bounds(at), |own| own[at as usize])
         });
         bounds.fold(Bounds::EMPTY, Bounds::union)
-    }
-
-    /// Around the items of each batch that are in a part of it.
-    pub(crate) fn batch_bounds_of(&self, part: Selection) -> Vec<Bounds> {
-        let mut all = vec![Bounds::EMPTY; self.layout.batches.len()];
-        for index in 0..self.layout.items.len() as u32 {
-            let (item, _, bounds) = self.item(index);
-            let is_hidden = || self.moved.as_ref().is_some_and(|moved| moved.hides(index));
-            if part.has_place(item.place) && !is_hidden() {
-                let batch = &mut all[item.batch as usize];
-                *batch = batch.union(*bounds);
-            }
-        }
-        all
     }
 
     /// Primitives in all their places.

@@ -12,6 +12,7 @@ use super::geometry_room::{GeometryRoom, SharedRoom};
 use super::layout::SceneLayout;
 use super::meshlet::Meshlets;
 use super::outline::Outline;
+use super::part_bounds::PartBounds;
 use super::{GpuScene, Materials, material, outline, texture, triangle_order};
 use crate::gpu::Gpu;
 
@@ -293,6 +294,7 @@ impl SceneBuilder {
             ordered: triangle_order::ordered_batches(&layout, &geometries),
             layout,
             moved: None,
+            part_bounds: PartBounds::default(),
             painted: Arc::default(),
             geometries,
             materials,

@@ -20,9 +20,9 @@ impl Selection {
         self.is_whole
     }
 
-    /// Returns whether it holds all places of the layers that it shows.
-    pub fn has_all_places(&self) -> bool {
-        self.places.is_none()
+    /// Its places in the tree, from the first to before the last; `None` if it has all.
+    pub fn places(&self) -> Option<[u32; 2]> {
+        self.places
     }
 
     /// Returns whether it shows a layer, given by its bit; 0 is none, which is always shown.

@@ -1,13 +1,16 @@
 //! Depth, blending, instances: what is in front, what is one, and what is drawn first.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DVec3, Quat, Vec3, Vec4};
-use polyptych_scene::{AlphaMode, Instance, Material, Node, Topology};
+use polyptych_scene::{AlphaMode, Instance, Material, Node, NodeId, SceneSubset, Topology};
 
 use super::harness::{
     MeshFixture, SceneFixture, differences, draw, draw_sampled, drawn, gpu, look, matt, pixel,
 };
 use crate::draw_list::{DrawList, Scratch, VisibleItems};
-use crate::{GpuScene, Renderer, Target, read_pixels};
+use crate::scene::Bounds;
+use crate::{GpuScene, MovedItems, MovedNode, Renderer, Target, ViewDesc, read_pixels};
 
 const SIZE: [u32; 2] = [128, 128];
 
@@ -240,4 +243,54 @@ fn many_batches_are_drawn_by_shell_then_pipeline_then_material_then_distance() {
     let changes = keys.windows(2).filter(|two| (two[0].1, two[0].2) != (two[1].1, two[1].2));
     assert_eq!(changes.count(), 3 * SHELLS - 1, "each material once in each shell");
     assert!(!keys.is_sorted_by_key(|key| key.3), "nearer ones of another material wait");
+}
+
+#[test]
+fn boxes_of_what_hangs_from_a_root_are_found_once_and_for_no_empty_list() {
+    let mut stage = SceneFixture::new();
+    let meshes = [4, 5].map(|rings| stage.mesh(&MeshFixture::sphere(rings), None));
+    for at in 0..12 {
+        let place = DAffine3::from_translation(DVec3::X * (at % 3) as f64);
+        let node = stage.node(meshes[at % 2], place);
+        stage.desc.nodes[node as usize].parent = node.checked_sub(1).map(|before| before / 2);
+    }
+    let scene = stage.build();
+    let subset = |root: u64| SceneSubset { root: Some(NodeId(root)), layers: None };
+    let visible_of = |scene: &GpuScene, is_empty: bool| {
+        let view = look(DVec3::Z * 30.0, DVec3::ZERO, SIZE);
+        let view = ViewDesc { subset: subset(1), ..view };
+        let visible = VisibleItems::new(scene, &view, [0, 0, SIZE[0], SIZE[1]]);
+        let shown = (&visible, if is_empty { &[][..] } else { &visible.items[..] });
+        let (mut scratch, mut records) = (Scratch::default(), Vec::new());
+        DrawList::new(scene, &view, shown, &mut scratch, &mut records).visible
+    };
+    assert_eq!((visible_of(&scene, true), scene.known_parts()), (0, 0));
+    for _ in 0..2 {
+        assert!(visible_of(&scene, false) > 1);
+        assert_eq!(scene.known_parts(), 1);
+    }
+
+    let check = |scene: &GpuScene| {
+        for root in (0..12).chain(0..12) {
+            let part = scene.part(&subset(root));
+            let mut wanted = vec![Bounds::EMPTY; scene.layout.batches.len()];
+            for index in 0..scene.item_count() as u32 {
+                let (item, _, bounds) = scene.item(index);
+                if part.has_place(item.place) {
+                    let of_batch = &mut wanted[item.batch as usize];
+                    *of_batch = of_batch.union(*bounds);
+                }
+            }
+            let [found, again] = [0, 1].map(|_| scene.batch_bounds_of(part).expect("a root"));
+            assert_eq!(found[..], wanted[..], "root {root}");
+            assert!(Arc::ptr_eq(&found, &again), "root {root}");
+        }
+    };
+    check(&scene);
+    let up = DAffine3::from_translation(DVec3::Y * 7.0);
+    let moved = MovedItems::new(&scene.layout, [MovedNode::new(11, up, &[])].into_iter());
+    let moved = Some(Arc::new(moved.expect("few were moved")));
+    let moved = scene.with_layout(gpu(), Arc::clone(&scene.layout), moved).expect("the same");
+    assert_eq!(moved.known_parts(), 0, "another state of the scene");
+    check(&moved);
 }
