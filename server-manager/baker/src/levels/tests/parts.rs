@@ -13,7 +13,7 @@ use crate::levels::{Levels, build};
 const TOWER: DVec3 = DVec3::new(12.0, 30.0, 12.0);
 
 /// Triangles that may be left of 864: a sliver of a part may stay where it grew into another one.
-const FEW: usize = 8;
+const FEW: usize = 16;
 
 /// A box from its lower left corner on the front of the tower, which it looks out of by its depth.
 fn on_front(shape: Shape, [x, y]: [f64; 2], [width, height, depth]: [f64; 3]) -> Shape {
