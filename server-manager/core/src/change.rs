@@ -140,6 +140,8 @@ impl Cluster {
                     return;
                 }
                 self.settle_change(now);
+                // A frame that ended with it may have begun the next.
+                continue;
             }
             let Some(mut change) = self.changes.queue.pop_front() else { return };
             if let Some(wall) = change.wall() {

@@ -18,6 +18,8 @@ enum Step {
     Order,
     Draw(u32),
     Wait(Micros),
+    /// Time passes, though the core is not told: there is much else to read first.
+    Stall(Micros),
     Kill(u32),
     Join(u32),
     Prepare(u32),
@@ -38,6 +40,7 @@ fn step() -> impl Strategy<Value = Step> {
         3 => Just(Step::Order),
         6 => (0..3u32).prop_map(Step::Draw),
         3 => (0..200_000u64).prop_map(Step::Wait),
+        1 => (0..3_000_000u64).prop_map(Step::Stall),
         1 => (0..3u32).prop_map(Step::Kill),
         2 => (0..3u32).prop_map(Step::Join),
         4 => (0..3u32).prop_map(Step::Prepare),
@@ -111,6 +114,7 @@ proptest! {
                     }
                 },
                 Step::Wait(micros) => stage.wait(micros),
+                Step::Stall(micros) => stage.now += micros,
                 Step::Navigate(c, by) => if let Some(&session) = sessions.get(&c) {
                     let (orbit_rad, pan) = (DVec2::new(by, -by), DVec2::new(0.1, by));
                     let none = Navigation::none(&format!("c{c}"));
