@@ -104,10 +104,12 @@ impl Cluster {
     }
 
     pub(super) fn expire_change(&mut self, now: Micros) {
-        if self.changes.next_expiry().is_some_and(|expires| now >= expires) {
-            if !self.refuse_obsolete(now) && !self.wait_longer(now) {
-                self.settle_change(now);
-            }
+        let is_wait_over = self.changes.end_overdue_catch_up(now);
+        let has_expired = self.changes.has_expired(now);
+        if has_expired && !self.refuse_obsolete(now) && !self.wait_longer(now) {
+            self.settle_change(now);
+        }
+        if has_expired || is_wait_over {
             self.advance_change(now);
         }
     }
@@ -136,7 +138,7 @@ impl Cluster {
     pub(super) fn advance_change(&mut self, now: Micros) {
         loop {
             if let Some(underway) = &self.changes.current {
-                if !self.is_settled(underway) {
+                if !self.is_answered(underway) || self.awaits_catch_up() {
                     return;
                 }
                 self.settle_change(now);
@@ -191,7 +193,7 @@ impl Cluster {
 
     /// Returns whether the server of every channel that is waited for has answered. Where all are
     /// late, the first that is ready must not be held up by those that hang.
-    fn is_settled(&self, underway: &InFlightChange) -> bool {
+    fn is_answered(&self, underway: &InFlightChange) -> bool {
         let (answered, asked) = self.answered(underway);
         let is_ready = |session| self.has_prepared(session, underway);
         let mut late = self.channels_in(&[ChannelState::Late]);
@@ -248,7 +250,7 @@ impl Cluster {
         let is_residency = matches!(underway.change.purpose, ChangeOrigin::Residency);
         let has_one = self.is_prepared_by_one(&underway);
         let is_dark = underway.change.opened().is_some() && !has_one;
-        let is_overdue = (is_residency || is_dark) && !self.is_settled(&underway);
+        let is_overdue = (is_residency || is_dark) && !self.is_answered(&underway);
         let InFlightChange { change, replica, digest, failed, .. } = underway;
         // A scene is worth more than a channel that cannot draw it; a tuning is not, nor detail.
         let is_tuning = matches!(change.purpose, ChangeOrigin::Tuning { .. });

@@ -1,8 +1,11 @@
 //! The change of the replicated state that is on its way, and those that wait behind it.
 
+mod catch_up;
+
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 
+use catch_up::CatchUps;
 use polyptych_files::blob::BlobHash;
 use polyptych_protocol::ids::{Digest, Revision};
 use polyptych_protocol::request::SceneSummary;
@@ -127,6 +130,8 @@ pub(super) struct ChangeQueue {
     /// frame was swapped since.
     #[serde(default)]
     pub(super) refused_unseen: BTreeSet<SessionId>,
+    #[serde(default)]
+    catch_ups: CatchUps,
 }
 
 /// A change that servers prepare.
@@ -146,8 +151,15 @@ pub(super) struct InFlightChange {
 }
 
 impl ChangeQueue {
+    /// The time at which the change on its way expires, or no longer waits for a server.
     pub fn next_expiry(&self) -> Option<Micros> {
-        self.current.as_ref().map(|underway| underway.expires)
+        let expires = self.current.as_ref().map(|underway| underway.expires);
+        expires.into_iter().chain(self.catch_ups.end()).min()
+    }
+
+    /// Returns whether the change on its way has expired.
+    pub fn has_expired(&self, now: Micros) -> bool {
+        self.current.as_ref().is_some_and(|underway| now >= underway.expires)
     }
 
     /// The revision that the change on its way leads to.

@@ -117,6 +117,7 @@ impl Cluster {
             return;
         };
         span.in_scope(|| tracing::warn!(reason, "server is lost"));
+        self.changes.forget_catch_up(now, session);
         self.stop_waiting_for(&server.channels, now);
         self.advance_change(now);
     }
@@ -176,6 +177,7 @@ impl Cluster {
             return;
         }
         let Some(server) = self.registry.server_mut(from) else { return };
+        let scene = server.owes.and_then(|owed| owed.scene);
         match server.answer(prepared.revision) {
             Answered::Unasked => return,
             Answered::Obsolete => return self.send_due_prepares(vec![from]),
@@ -198,7 +200,11 @@ impl Cluster {
         server.held_before = (server.scene_bytes, server.detail_reach);
         (server.scene_bytes, server.detail_reach) = (prepared.scene_bytes, prepared.detail_reach);
         let channels = server.channels.clone();
+        if prepared.revision < self.shown.revision {
+            self.begin_catch_up(now, from, scene);
+        }
         if prepared.revision == self.shown.revision {
+            self.changes.end_catch_up(now, from);
             // A server is asked what it knows best, but not for a book.
             let is_name = |name: &&String| name.len() <= NAME_BYTES_MAX;
             let names = prepared.features.iter().filter(is_name).take(FEATURES_MAX);

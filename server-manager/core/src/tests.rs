@@ -2,6 +2,7 @@
 
 mod auto_exposure;
 mod bounds;
+mod catch_up;
 mod clips;
 mod devices;
 mod displays;
