@@ -441,7 +441,7 @@ impl Cluster {
             })
             .map(|(id, _)| id)
             .collect();
-        self.registry.set_states(&ready, ChannelState::Ready, None, now);
+        ready.into_iter().for_each(|id| self.registry.set_prepared(id, now));
         // Last: this may begin a frame, which goes to those that can draw it, and to no other.
         self.stop_waiting_for(&channels.concat(), now);
     }

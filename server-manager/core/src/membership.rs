@@ -212,7 +212,7 @@ impl Cluster {
             for id in channels {
                 let state = self.registry.channel(id).map(|channel| channel.state);
                 if state == Some(ChannelState::Preparing) {
-                    self.registry.set_state(id, ChannelState::Ready, None, now);
+                    self.registry.set_prepared(id, now);
                     self.wants_frame |= self.must_see_a_frame(now);
                 }
             }

@@ -1,5 +1,7 @@
 //! Who is there: the servers, and the state of every channel of the wall.
 
+mod lateness;
+
 use std::collections::BTreeMap;
 
 use polyptych_protocol::feedback::ChannelState;
@@ -10,16 +12,8 @@ use polyptych_wall::{ChannelId, Wall};
 use serde::{Deserialize, Serialize};
 
 use super::supersede::Owed;
-use super::{Micros, SessionId, span};
-
-/// Frames in time after which a late channel is waited for again, the first time.
-const REJOIN_FRAMES_MIN: u32 = 8;
-
-/// Maximum number of frames in time after which a late channel is waited for again. It is reached
-/// after many relapses: a channel that keeps failing is waited for ever more rarely. A channel that
-/// was in time for as many frames begins with [`REJOIN_FRAMES_MIN`] again: on a wall that runs for
-/// weeks every hiccup would otherwise cost seconds.
-const REJOIN_FRAMES_MAX: u32 = 512;
+use super::{Micros, SessionId};
+use lateness::REJOIN_FRAMES_MIN;
 
 /// Longest pause before a server that fails again and again is given the shown state anew. Pauses
 /// double from failure to failure.
@@ -166,6 +160,10 @@ pub(super) struct ChannelEntry {
     rejoin_frames: u32,
     /// The value that `rejoin_frames` takes after the next miss.
     next_rejoin_frames: u32,
+    /// It missed a frame of this scene while it was waited for, and has not caught up since: a
+    /// change that it prepares does not make it ready.
+    #[serde(default)]
+    is_behind: bool,
 }
 
 /// All servers and channels.
@@ -197,6 +195,7 @@ impl Registry {
             lines_since: 0,
             rejoin_frames: REJOIN_FRAMES_MIN,
             next_rejoin_frames: REJOIN_FRAMES_MIN,
+            is_behind: false,
         };
         let channels = wall.channels.iter().map(|c| channel(&c.name)).collect();
         Self { servers: BTreeMap::new(), channels, heartbeat_us }
@@ -255,6 +254,7 @@ impl Registry {
             channel.server = Some(session);
             channel.frames_drawn = 0;
             channel.in_time = 0;
+            channel.is_behind = false;
         }
         let joining = channels.clone();
         let server = ServerEntry {
@@ -425,73 +425,13 @@ impl Registry {
         }
     }
 
-    /// All channels warm up again: a new revision may need new pipelines.
+    /// All channels warm up again: another scene may need new pipelines, and those that were behind
+    /// may be fast enough for it.
     pub fn restart_warm_up(&mut self) {
         for channel in &mut self.channels {
             channel.frames_drawn = 0;
+            channel.is_behind = false;
         }
-    }
-
-    /// A channel missed the deadline of a frame.
-    pub fn record_miss(&mut self, id: ChannelId, now: Micros, reason: String) {
-        let Some(channel) = self.channels.get_mut(usize::from(id.0)) else { return };
-        channel.late += 1;
-        channel.in_time = 0;
-        if channel.state == ChannelState::Live {
-            // A first fault is forgiven quickly, a relapse less so.
-            channel.rejoin_frames = channel.next_rejoin_frames;
-            channel.next_rejoin_frames = (channel.rejoin_frames * 2).min(REJOIN_FRAMES_MAX);
-            self.set_state(id, ChannelState::Late, Some(reason), now);
-        }
-    }
-
-    /// A channel drew a frame that `began` then, where that is remembered.
-    pub fn record_draw(
-        &mut self,
-        id: ChannelId,
-        draw_us: u32,
-        now: Micros,
-        began: Option<Micros>,
-        deadline: Micros,
-    ) {
-        let Some(channel) = self.channels.get_mut(usize::from(id.0)) else { return };
-        channel.draw_us = Some(draw_us);
-        channel.frames_drawn = channel.frames_drawn.saturating_add(1);
-        // It began when it was sent the frame, or when it was done with the one before.
-        let free_at = std::mem::replace(&mut channel.drew_at, now);
-        let is_in_time = began.is_some_and(|b| now.saturating_sub(b.max(free_at)) <= deadline);
-        channel.in_time = if is_in_time { channel.in_time.saturating_add(1) } else { 0 };
-        if channel.in_time >= REJOIN_FRAMES_MAX {
-            channel.next_rejoin_frames = REJOIN_FRAMES_MIN;
-        }
-    }
-
-    /// Channels that could draw are waited for from now on. Between two frames only: a frame does
-    /// not wait for those that came while it was drawn.
-    pub fn admit_ready(&mut self, now: Micros, frame: FrameId) {
-        self.turn_live(now, frame, |channel| channel.state == ChannelState::Ready);
-    }
-
-    /// Makes late channels live that have caught up. Between two frames only, as
-    /// [`Self::admit_ready`].
-    pub fn admit_late(&mut self, now: Micros, frame: FrameId) {
-        self.turn_live(now, frame, |channel| {
-            channel.state == ChannelState::Late && channel.in_time >= channel.rejoin_frames
-        });
-    }
-
-    fn turn_live(&mut self, now: Micros, frame: FrameId, may_come: impl Fn(&ChannelEntry) -> bool) {
-        let coming = self.channels().filter(|(_, channel)| may_come(channel));
-        let coming: Vec<_> = coming.map(|(id, _)| id).collect();
-        if !coming.is_empty() {
-            let admit = || self.set_states(&coming, ChannelState::Live, None, now);
-            span::frame_span(frame).in_scope(admit);
-        }
-    }
-
-    /// Returns whether a late channel drew its last frame in time.
-    pub fn is_catching_up(&self, id: ChannelId) -> bool {
-        self.channel(id).is_some_and(|channel| channel.in_time > 0)
     }
 }
 

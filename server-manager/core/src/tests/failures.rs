@@ -1,6 +1,7 @@
 //! Limits on what a failing channel costs the others, and on how long its failure is held against
 //! it.
 
+use super::editing::{TREE, moving};
 use super::*;
 
 /// Orders a frame that these channels draw at once; gives how long it took to be swapped.
@@ -250,4 +251,49 @@ fn a_frame_that_waits_for_no_channel_adds_no_time() {
     stage.order_frame();
     let statistics = stage.cluster.statistics(false);
     assert_eq!((statistics.frames, statistics.complete, statistics.frame_ms.count), (1, 0, 0));
+}
+
+#[test]
+fn an_edit_does_not_make_a_late_channel_live_before_it_has_caught_up() {
+    let mut stage = ClusterFixture::with_house(2);
+    frame_time(&mut stage, &[0]);
+    assert_eq!(stage.state(1), ChannelState::Late);
+    for x in [1.0, 2.0, 3.0] {
+        stage.edit(moving(TREE, x));
+        // The wall shows it without the late channel, which answers then.
+        stage.prepare(SessionId(0));
+        assert_eq!(stage.state(1), ChannelState::Preparing);
+        stage.prepare(SessionId(1));
+        assert_eq!(stage.state(1), ChannelState::Late);
+        // A frame for those that had it, and one for the late channel too.
+        let swaps = stage.swaps.len();
+        stage.frames.clear();
+        stage.draw(&[0], 1_000);
+        stage.draw(&[0], 1_000);
+        assert_eq!(stage.swaps.len(), swaps + 2);
+        assert!(stage.frames.iter().any(|(to, _)| *to == SessionId(1)), "its picture is older");
+        assert!(frame_time(&mut stage, &[0]) <= 2_000, "nobody waits for it");
+        assert_eq!(stage.state(1), ChannelState::Late);
+    }
+    for n in 0..8 {
+        assert_eq!(stage.state(1), ChannelState::Late, "after {n} frames in time");
+        frame_time(&mut stage, &[1, 0]);
+    }
+    assert_eq!(stage.state(1), ChannelState::Live);
+}
+
+#[test]
+fn a_wall_of_late_channels_shows_an_edit_and_comes_back() {
+    let mut stage = ClusterFixture::with_house(2);
+    frame_time(&mut stage, &[]);
+    stage.edit(moving(TREE, 1.0));
+    stage.prepare_all();
+    assert_eq!([stage.state(0), stage.state(1)], [ChannelState::Late; 2]);
+    let swaps = stage.swaps.len();
+    for _ in 0..12 {
+        stage.order_frame();
+        stage.draw(&[0, 1], 1_000);
+    }
+    assert!(stage.swaps.len() >= swaps + 12);
+    assert_eq!([stage.state(0), stage.state(1)], [ChannelState::Live; 2]);
 }
