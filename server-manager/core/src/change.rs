@@ -149,6 +149,9 @@ impl Cluster {
             if let Some(wall) = change.wall() {
                 change.operations = calibrate::operations(&self.wall, wall);
             }
+            if let ChangeOrigin::LightEffect { setting, .. } = &change.purpose {
+                change.operations = setting.operations(self.shown.effects);
+            }
             let mut replica = self.replica_after(&change);
             if let Some(refused) = self.changes.refused.filter(|r| *r > self.shown.revision) {
                 replica.revision.0 += refused.0 - self.shown.revision.0;

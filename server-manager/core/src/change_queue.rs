@@ -27,7 +27,7 @@ const MERGED_EDITS_MAX: usize = 1000;
 /// A change that was asked for.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct StateChange {
-    /// The operations for servers. Those of a tuning are empty until its turn comes.
+    /// The operations for servers. Those of a tuning or an effect are empty until its turn comes.
     pub operations: Vec<Operation>,
     pub purpose: ChangeOrigin,
 }

@@ -60,18 +60,23 @@ impl EffectSetting {
             Self::DepthOfField(of) => LightEffects { depth_of_field: of.is_some(), ..before },
         }
     }
+
+    /// Returns the operations that set it, once it is its turn: `shown` are the effects of frames
+    /// then, as a change before it may have been refused.
+    pub fn operations(self, shown: LightEffects) -> Vec<Operation> {
+        vec![Operation::SetEffects(self.after(shown))]
+    }
 }
 
 impl ChangeQueue {
-    /// Returns the effects that the last change leads to that changes them.
-    fn pending_effects(&self) -> Option<LightEffects> {
-        let operations = self.current().into_iter().chain(self.queued());
-        let operations = operations.flat_map(|change| &change.operations);
-        let effects = operations.filter_map(|operation| match operation {
-            Operation::SetEffects(effects) => Some(*effects),
-            _ => None,
-        });
-        effects.last()
+    /// Returns whether a change of effects is on its way, or waits.
+    fn changes_effects(&self) -> bool {
+        let mut changes = self.current().into_iter().chain(self.queued());
+        changes.any(|change| {
+            let is_of_effects = |of: &Operation| matches!(of, Operation::SetEffects(_));
+            matches!(change.purpose, ChangeOrigin::LightEffect { .. })
+                || change.operations.iter().any(is_of_effects)
+        })
     }
 }
 
@@ -91,16 +96,13 @@ impl Cluster {
         if let Some(fault) = setting.fault() {
             return Err(fault);
         }
-        let pending = self.changes.pending_effects();
-        let before = pending.unwrap_or(self.shown.effects);
-        let effects = setting.after(before);
-        if pending.is_none() && effects == before {
+        let shown = self.shown.effects;
+        if !self.changes.changes_effects() && setting.after(shown) == shown {
             setting.set(&mut self.presentation);
             return Ok(Some(Response::Done));
         }
-        let operations = vec![Operation::SetEffects(effects)];
         let purpose = ChangeOrigin::LightEffect { job, setting };
-        self.request_change(now, StateChange { operations, purpose });
+        self.request_change(now, StateChange { operations: Vec::new(), purpose });
         Ok(None)
     }
 

@@ -74,3 +74,29 @@ fn an_effect_that_no_server_can_draw_is_refused_and_frames_stay_as_they_are() {
     assert_eq!(stage.cluster.presentation.glow, None);
     assert_eq!(stage.cluster.shown.effects, LightEffects::NONE);
 }
+
+#[test]
+fn an_effect_behind_a_session_that_is_refused_takes_no_other_effect_away() {
+    let mut stage = ClusterFixture::new(2);
+    stage.request(Request::SetFog(Some(Fog::even(90.0))));
+    stage.prepare_all();
+    assert_eq!(stage.cluster.shown.effects, FOG);
+    // The session has no fog.
+    let session = stage.request(Request::OpenSession { name: "clear".into() });
+    let job = stage.imports.pop().expect("read beside the core");
+    let state = PersistentState::of_wall(&stage.cluster.wall);
+    let clear = ImportedSession { scene: None, state, left_out: Vec::new() };
+    stage.cluster.handle_session(stage.now, job, Ok(Box::new(clear)));
+    stage.read();
+    let glow = stage.request(Request::SetGlow(Some(Glow::new(0.5))));
+    for (session, prepare) in std::mem::take(&mut stage.prepares) {
+        let (epoch, revision, reason) = (Epoch(7), prepare.revision, "out of memory".to_owned());
+        stage.say(session, ServerMessage::PrepareFailed { epoch, revision, reason });
+    }
+    assert!(stage.replies.iter().any(|(of, reply)| *of == session && reply.is_err()));
+    stage.prepare_all();
+    assert!(is_done(&stage, glow), "{:?}", stage.replies);
+    let both = LightEffects { glow: true, ..FOG };
+    let cluster = &stage.cluster;
+    assert_eq!((cluster.shown.effects, cluster.presentation.effects()), (both, both));
+}

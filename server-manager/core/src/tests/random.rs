@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
 use polyptych_protocol::navigation::Navigation;
+use polyptych_scene::{Fog, Glow};
 use polyptych_wall::calibration_change::{CalibrationChange, Corner, Offset};
 use polyptych_wall::view::Area;
 use proptest::prelude::*;
@@ -29,6 +30,8 @@ enum Step {
     Close,
     Tune(bool),
     Pattern,
+    Fog(bool),
+    Glow(bool),
     View(bool),
     Run,
     Pause,
@@ -50,6 +53,8 @@ fn step() -> impl Strategy<Value = Step> {
         1 => Just(Step::Close),
         4 => any::<bool>().prop_map(Step::Tune),
         1 => Just(Step::Pattern),
+        2 => any::<bool>().prop_map(Step::Fog),
+        2 => any::<bool>().prop_map(Step::Glow),
         2 => any::<bool>().prop_map(Step::View),
         1 => Just(Step::Run),
         1 => Just(Step::Pause),
@@ -72,6 +77,8 @@ impl ClusterFixture {
                 Request::Tune { channel: "c1".into(), changes: vec![change] }
             }
             Step::Pattern => Request::SetPattern(Some(TestPattern::Grid)),
+            Step::Fog(is_on) => Request::SetFog(is_on.then(|| Fog::even(90.0))),
+            Step::Glow(is_on) => Request::SetGlow(is_on.then(|| Glow::new(0.5))),
             Step::View(is_one) => {
                 let area = Area::Screen { screen: 0, rect: [0, 0, 32, 32] };
                 let view = View { area, ..View::of_wall(Camera::IDENTITY) };
@@ -151,6 +158,8 @@ proptest! {
             prop_assert_eq!(cluster.shown.wall.as_deref(), Some(&cluster.wall));
             prop_assert_eq!(cluster.presentation.camera.fault(), None);
             prop_assert_eq!(cluster.check_presentation(&cluster.wall), Ok(()));
+            // Servers are ready for the effects that frames have.
+            prop_assert_eq!(cluster.shown.effects, cluster.presentation.effects());
             // A server that the core has let go of is gone for the test as well.
             for session in std::mem::take(&mut stage.closed) {
                 sessions.retain(|_, s| *s != session);
