@@ -5,7 +5,6 @@ use std::path::Path;
 use polyptych_core::PersistentState;
 use polyptych_files::blob::BlobStore;
 use polyptych_protocol::ids::Epoch;
-use polyptych_scene::SceneEdits;
 use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 
 use super::{ManagerError, ManagerOptions};
@@ -80,7 +79,8 @@ pub(super) fn start_cluster(
                 allowed.allow(&import.blobs);
                 if let Err(reason) = allow_assets(&memory, &folder, allowed) {
                     tracing::warn!(reason, "what was edited of the scene is forgotten");
-                    memory.edits = SceneEdits::default();
+                    // Those with which it is opened: its file hides nodes, and says more of them.
+                    memory.edits = import.scene.edits;
                     memory.revision.0 += 1;
                     has_dropped = true;
                 }
@@ -200,9 +200,75 @@ fn keep_copy(state: &StateFile, is_damaged: bool) -> Result<(), String> {
 mod tests {
     use std::fs;
 
-    use polyptych_wall::Wall;
+    use glam::{DVec2, DVec3, UVec2};
+    use polyptych_files::blob::BlobHash;
+    use polyptych_protocol::state_log::SceneRef;
+    use polyptych_scene::{AssetSet, Edit, Node, NodeExtras, NodeId, Scene};
+    use polyptych_wall::surface::Plane;
+    use polyptych_wall::{Channel, Screen, Surface, Wall};
 
     use super::*;
+    use crate::state_file::Saved;
+
+    /// The options of a wall of one display, with its store in this folder.
+    fn options(folder: &Path) -> ManagerOptions {
+        let plane = Plane::upright(DVec3::NEG_Z, DVec2::splat(2.0));
+        let size = UVec2::splat(64);
+        let screens = vec![Screen::new("front", Surface::Plane(plane), size)];
+        let wall = Wall::new("w", screens, vec![Channel::tile("a", 0, UVec2::ZERO, size)]);
+        let (program, store) = ("none".into(), folder.to_owned());
+        ManagerOptions {
+            wall,
+            token: String::new(),
+            keys: None,
+            scene_roots: Vec::new(),
+            baker: import::Baker { program, memory_mib: 1, memory_remedy: "", store },
+            memory: None,
+            leadership: None,
+            is_navigable: false,
+            recorder: None,
+            metrics: None,
+            http: None,
+            notifier: None,
+        }
+    }
+
+    #[test]
+    fn a_scene_whose_added_assets_are_lost_is_as_its_file_has_it() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut options = options(folder.path());
+        let extras = vec![NodeExtras { node: 0, is_hidden: true, ..NodeExtras::default() }];
+        let scene = Scene { nodes: vec![Node::default(); 2], extras, ..Scene::default() };
+        let blobs = BlobStore::new(folder.path().join("blobs"));
+        let manifest = blobs.write(&polyptych_codec::encode(&scene)).expect("written");
+        let lost = AssetSet {
+            manifest: BlobHash([7; 32]),
+            first_mesh: 0,
+            primitives: vec![1],
+            first_material: 0,
+            materials: 0,
+            first_texture: 0,
+            textures: 0,
+        };
+        let mut edits = scene.first_edits();
+        edits.apply(Edit::AddAssets(Box::new(lost)));
+        edits.apply(Edit::SetMesh { node: NodeId(1), mesh: Some(0) });
+        let wall = options.wall.clone();
+        let memory = PersistentState {
+            scene: Some(SceneRef { name: "town".into(), manifest }),
+            edits,
+            ..PersistentState::of_wall(&wall)
+        };
+        let path = folder.path().join("wall.state");
+        fs::write(&path, "what was saved").expect("written");
+        let state = StateFile::new(path, &wall);
+        let found = Found::Saved(Box::new(Saved { wall, memory }));
+        let allowed = BlobAllowlist::default();
+        let started = start_cluster(&mut options, Some((state, found)), Epoch(1), &allowed);
+        let (cluster, _) = started.expect("the wall goes on");
+        let (_, edits) = cluster.shown_scene().expect("its scene is there");
+        assert_eq!(*edits, scene.first_edits(), "one node is hidden");
+    }
 
     #[test]
     fn goes_on_without_a_copy_only_if_all_are_taken_and_nothing_is_damaged() {
