@@ -1,7 +1,7 @@
 //! Files and folders that a command writes, with errors that name them.
 
 use std::ffi::OsStr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use polyptych_files::output_file::{self, OutputFile};
@@ -34,6 +34,17 @@ pub(crate) fn check_source(path: &Path, force: bool) -> anyhow::Result<()> {
         bail!("{} is there already; --force writes over it", path.display());
     }
     check_writable(path)
+}
+
+/// Checks that a file that is made of these others can be written at this path, as
+/// [`check_source`]; it replaces none of those, not even with `force`.
+pub(crate) fn check_made(path: &Path, force: bool, inputs: &[PathBuf]) -> anyhow::Result<()> {
+    if let Ok(target) = path.canonicalize()
+        && inputs.iter().any(|input| input.canonicalize().is_ok_and(|input| input == target))
+    {
+        bail!("{} is a file that it is made of; name another folder", path.display());
+    }
+    check_source(path, force)
 }
 
 /// Writes a file that appears whole or not at all.

@@ -175,6 +175,11 @@ fn an_mpcdi_archive_becomes_a_wall_file() {
     );
     let line = place.run(["wall", "import", &file, "-o", &out]).failed(&["--force"]);
     assert!(line.contains("wall.toml is there already"), "{line}");
+    std::fs::remove_file(place.path("hall/wall.toml")).expect("removed");
+    place.write("hall/left.pfm", "measured");
+    place.run(["wall", "import", &file, "-o", &out]).failed(&["left.pfm is there already"]);
+    assert_eq!(std::fs::read(place.path("hall/left.pfm")).expect("kept"), b"measured");
+    place.run(["wall", "import", &file, "-o", &out, "--force"]).succeeded();
     regions[1].warp.truncate(999);
     archive(&regions);
     place.run(["wall", "import", &file, "-o", &out, "--force"]).failed(&[

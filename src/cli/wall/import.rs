@@ -22,6 +22,7 @@ use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::slice;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, bail};
@@ -73,7 +74,7 @@ pub(crate) struct Arguments {
     /// From the eye to the screen in metres, of which profiles 2d and sl and Tide say nothing
     #[arg(long, value_name = "METRES", default_value_t = 4.0)]
     distance: f64,
-    /// Replace a wall.toml that is there
+    /// Replace a wall.toml and maps that are there
     #[arg(long)]
     force: bool,
 }
@@ -88,7 +89,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let wall_file = folder.join("wall.toml");
     let is_new = fs::symlink_metadata(folder).is_err();
     outputs::make_folder(folder)?;
-    outputs::check_source(&wall_file, arguments.force)?;
+    outputs::check_made(&wall_file, arguments.force, slice::from_ref(&arguments.file))?;
     bake::limit_memory(BAKE_MEMORY_MIB_DEFAULT)?;
     let done = is_mpcdi(&arguments.file).and_then(|is_mpcdi| {
         if is_mpcdi { archive(arguments, &wall_file) } else { configuration(arguments) }
@@ -102,6 +103,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// Imports an archive, and tells what was assumed.
 fn archive(arguments: &Arguments, wall_file: &Path) -> anyhow::Result<()> {
+    for name in mpcdi::file_names(&arguments.file)? {
+        let file = arguments.output.join(name);
+        outputs::check_made(&file, arguments.force, slice::from_ref(&arguments.file))?;
+    }
     let imported = mpcdi::import(&arguments.file, &arguments.output, &AtomicBool::new(false))?;
     let text = wall_text(arguments, &imported)?;
     check_text(&text, wall_file)?;
@@ -195,6 +200,8 @@ fn read_configuration(arguments: &Arguments) -> anyhow::Result<(Made, Tree)> {
     comments.extend(tree.warnings.borrow().iter().map(|line| format!("Warning: {line}.")));
     comments.extend(tree.notes.borrow().iter().map(|line| format!("Note: {line}.")));
     made.comments = comments;
+    made.inputs = tree.inputs.take();
+    made.inputs.push(path.clone());
     Ok((made, tree))
 }
 

@@ -2,7 +2,7 @@
 //! importers and warp makers have in common.
 
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
 use glam::{DVec3, Vec3};
@@ -23,6 +23,8 @@ pub(super) struct Made {
     pub eye_separation: Option<f64>,
     /// Several samples per pixel.
     pub is_smooth: bool,
+    /// Files that it was made of, which it never replaces.
+    pub inputs: Vec<PathBuf>,
     /// Lines for people at the head of the file.
     pub comments: Vec<String>,
     pub screens: Vec<MadeScreen>,
@@ -103,13 +105,20 @@ impl MadeScreen {
 }
 
 impl Made {
-    /// Writes the wall file and its maps into a folder, after the wall's own check.
+    /// Writes the wall file and its maps into a folder, after the wall's own check. Nothing is
+    /// written if one of them may not be.
     pub fn write(&self, folder: &Path, force: bool) -> anyhow::Result<()> {
         let wall_file = folder.join("wall.toml");
         outputs::make_folder(folder)?;
-        outputs::check_source(&wall_file, force)?;
+        outputs::check_made(&wall_file, force, &self.inputs)?;
         let text = self.text();
         check_text(&text, &wall_file)?;
+        for screen in &self.screens {
+            for key in screen.maps() {
+                let file = folder.join(format!("{}{}", screen.name, ending(key)));
+                outputs::check_made(&file, force, &self.inputs)?;
+            }
+        }
         for screen in &self.screens {
             for (ending, bytes) in screen.files()? {
                 outputs::write(&folder.join(format!("{}{ending}", screen.name)), &bytes)?;
@@ -230,17 +239,12 @@ impl MadeScreen {
 
     fn put_adjustment(&self, text: &mut String) {
         let name = &self.name;
-        let files = [
-            ("warp", self.warp.is_some()),
-            ("alpha", self.alpha.is_some()),
-            ("beta", self.beta.is_some()),
-        ];
         let is_plain = self.adjust.is_empty() && self.eye.is_none();
-        if is_plain && files.iter().all(|(_, is_there)| !is_there) {
+        if is_plain && self.maps().next().is_none() {
             return;
         }
         let _ = write!(text, "\n[channel.{name:?}]\n");
-        for (key, _) in files.iter().filter(|(_, is_there)| *is_there) {
+        for key in self.maps() {
             let _ = writeln!(text, "{key} = \"{name}{}\"", ending(key));
         }
         match self.eye {
@@ -263,6 +267,16 @@ impl MadeScreen {
             }
             _ => [width, height],
         }
+    }
+
+    /// The keys of its maps in the wall file.
+    fn maps(&self) -> impl Iterator<Item = &'static str> {
+        let maps = [
+            ("warp", self.warp.is_some()),
+            ("alpha", self.alpha.is_some()),
+            ("beta", self.beta.is_some()),
+        ];
+        maps.into_iter().filter_map(|(key, is_there)| is_there.then_some(key))
     }
 
     /// The maps, each with the end of its name.

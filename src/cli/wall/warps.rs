@@ -29,7 +29,7 @@ pub(in crate::cli) struct Folder {
     /// The folder for wall.toml and the maps; made if it is not there
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Replace a wall.toml that is there
+    /// Replace a wall.toml and maps that are there
     #[arg(long)]
     force: bool,
 }

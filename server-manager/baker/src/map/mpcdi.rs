@@ -24,6 +24,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use archive::Archive;
+use document::Document;
 use glam::{DVec3, UVec2};
 use polyptych_files::output_file;
 use polyptych_wall::warp::{MapCoordinates, WarpGeometry, WarpMap};
@@ -33,6 +34,11 @@ use super::super::error::BakeError;
 use super::{pfm, png_image};
 
 pub use region::RegionFrustum;
+
+/// Ends of the names of a channel's files.
+const WARP_ENDING: &str = ".pfm";
+const ALPHA_ENDING: &str = "-alpha.png";
+const BETA_ENDING: &str = "-beta.png";
 
 /// The content of an archive, after its files were written.
 #[derive(Clone, Debug)]
@@ -92,6 +98,30 @@ pub struct ImportedRegion {
     pub beta: Option<String>,
 }
 
+/// Returns the names of the files that [`import`] would write for an archive, region by region.
+///
+/// # Errors
+/// [`BakeError`], if the text of the archive can't be read.
+pub fn file_names(path: &Path) -> Result<Vec<String>, BakeError> {
+    let document = Archive::open(path).and_then(|mut archive| {
+        let mut notes = Vec::new();
+        let text = archive.xml(path, &mut notes)?;
+        document::parse(&text, &mut notes)
+    });
+    let document = document.map_err(|error| error.about(path))?;
+    let mut files = Vec::new();
+    for (region, name) in document.regions.iter().zip(region_names(&document)) {
+        let maps = [
+            (WARP_ENDING, document.profile != Profile::ShaderLamps),
+            (ALPHA_ENDING, region.files.alpha.is_some()),
+            (BETA_ENDING, region.files.beta.is_some()),
+        ];
+        let written = maps.into_iter().filter(|(_, is_there)| *is_there);
+        files.extend(written.map(|(ending, _)| format!("{name}{ending}")));
+    }
+    Ok(files)
+}
+
 /// Reads an archive and writes its maps into a folder, which must be there.
 ///
 /// # Errors
@@ -114,10 +144,9 @@ fn import_file(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Import
         );
     }
     let mut regions: Vec<ImportedRegion> = Vec::new();
-    for region in &document.regions {
+    for (region, name) in document.regions.iter().zip(region_names(&document)) {
         check(cancel)?;
         let maps = region::read(&mut archive, &document, region, &mut notes)?;
-        let name = name_of(&region.id, |name| regions.iter().any(|known| known.name == name));
         let write = |ending: &str, bytes: &[u8]| {
             let file = format!("{name}{ending}");
             let at: PathBuf = folder.join(&file);
@@ -142,9 +171,9 @@ fn import_file(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Import
             pyramid: region.pyramid,
             position: maps.position,
             space: maps.warp.as_ref().map_or(MapCoordinates::Display, |warp| warp.space),
-            warp: pfm.map(|bytes| write(".pfm", &bytes)).transpose()?,
-            alpha: mask(&maps.alpha, "-alpha.png")?,
-            beta: mask(&maps.beta, "-beta.png")?,
+            warp: pfm.map(|bytes| write(WARP_ENDING, &bytes)).transpose()?,
+            alpha: mask(&maps.alpha, ALPHA_ENDING)?,
+            beta: mask(&maps.beta, BETA_ENDING)?,
             name,
         });
     }
@@ -160,6 +189,16 @@ fn import_file(path: &Path, folder: &Path, cancel: &AtomicBool) -> Result<Import
         buffers.push(ImportedBuffer { name, size: *size });
     }
     Ok(Imported { profile: document.profile, buffers, regions, notes })
+}
+
+/// The names of channels for the regions of an archive, in its order; each is unique.
+fn region_names(document: &Document) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for region in &document.regions {
+        let name = name_of(&region.id, |name| names.iter().any(|known| known == name));
+        names.push(name);
+    }
+    names
 }
 
 /// A name of a channel that is like the region's id.

@@ -125,6 +125,7 @@ pub(super) fn path_of(at: &At<'_>) -> anyhow::Result<PathBuf> {
         let what = format!("{name} has {} bytes", found.len());
         return Err(at.error(what, format!("{MESH_BYTES_MAX} bytes at most are read")));
     }
+    at.tree.inputs.borrow_mut().push(path.clone());
     Ok(path)
 }
 

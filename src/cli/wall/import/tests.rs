@@ -395,3 +395,22 @@ fn files_of_no_system_are_refused() {
     refused("a.xml", "<html/>", "<html> is not known");
     refused("a.json", "{}", "masteraddress: the key is missing");
 }
+
+#[test]
+fn maps_that_an_import_reads_are_never_replaced() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [file, mask] = ["hall.json", "dome-alpha.png"].map(|name| folder.path().join(name));
+    let text = r#"{"version": 1, "masteraddress": "localhost", "nodes": [{"address": "localhost",
+        "port": 20401, "windows": [{"name": "dome", "size": {"x": 64, "y": 48}, "viewports": [
+        {"blendmask": "dome-alpha.png", "projection": {"type": "PlanarProjection",
+        "fov": {"hfov": 60, "vfov": 40}}}]}]}]}"#;
+    fs::write(&file, text).expect("written");
+    image::GrayImage::new(4, 3).save(&mask).expect("written");
+    let before = fs::read(&mask).expect("read");
+    let output = folder.path().to_owned();
+    let arguments = Arguments { file, output, width: 4.0, distance: 3.0, force: true };
+    let error = configuration(&arguments).expect_err("it is read").to_string();
+    assert!(error.contains("dome-alpha.png is a file that it is made of"), "{error}");
+    assert_eq!(fs::read(&mask).expect("read"), before);
+    assert!(!folder.path().join("wall.toml").exists(), "it is written");
+}

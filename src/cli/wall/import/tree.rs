@@ -53,12 +53,15 @@ pub(super) struct Tree {
     pub notes: RefCell<Vec<String>>,
     /// What makes the wall look other than it did.
     pub warnings: RefCell<Vec<String>>,
+    /// Files that it names and that were looked for, which an import must not replace.
+    pub inputs: RefCell<Vec<PathBuf>>,
 }
 
 impl Tree {
     pub fn new(path: &Path, is_xml: bool, root: Node) -> Self {
         let [notes, warnings] = [RefCell::default(), RefCell::default()];
-        Self { path: path.to_owned(), is_xml, root, notes, warnings }
+        let inputs = RefCell::default();
+        Self { path: path.to_owned(), is_xml, root, notes, warnings, inputs }
     }
 
     /// The root, from where all other values are reached.

@@ -92,3 +92,23 @@ fn points_are_three_numbers() {
         assert!(point(text).is_err(), "{text}");
     }
 }
+
+#[test]
+fn maps_that_a_person_made_are_kept_without_force() {
+    let output = tempfile::tempdir().expect("a folder");
+    let map = output.path().join("dome.pfm");
+    std::fs::write(&map, b"measured").expect("written");
+    let make = |force: bool| {
+        let path = output.path().to_owned();
+        let folder = Folder { name: None, eye: DVec3::Y, output: path, force };
+        let (pixels, offset) = ([64; 2], DVec3::ZERO);
+        FisheyeArguments { folder, pixels, degrees: 180.0, tilt: 0.0, radius: 5.0, offset }.run()
+    };
+    let error = make(false).expect_err("it is there").to_string();
+    assert!(error.contains("dome.pfm is there already; --force"), "{error}");
+    assert_eq!(std::fs::read(&map).expect("read"), b"measured");
+    assert!(!output.path().join("wall.toml").exists(), "it is written");
+    make(true).expect("it was asked for");
+    make(true).expect("again");
+    assert!(std::fs::read(&map).expect("read").starts_with(b"PF"));
+}
