@@ -3,6 +3,8 @@
 pub mod incident;
 pub mod invariants;
 pub mod lanes;
+#[cfg(test)]
+mod tests;
 mod timeline;
 mod words;
 

@@ -127,6 +127,16 @@ impl Cluster {
         self.registry.server(session).map_or_else(Vec::new, |server| server.channels.clone())
     }
 
+    /// The connected servers, each with its name.
+    pub fn server_names(&self) -> impl Iterator<Item = (SessionId, &str)> {
+        self.registry.servers().map(|(session, server)| (session, server.name.as_str()))
+    }
+
+    /// The connected clients, each with its name.
+    pub fn client_names(&self) -> impl Iterator<Item = (SessionId, &str)> {
+        self.clients.iter().map(|(&session, client)| (session, client.name.as_str()))
+    }
+
     /// A client has come.
     pub(crate) fn handle_client(&mut self, session: SessionId, mut name: String) {
         make_printable(&mut name);

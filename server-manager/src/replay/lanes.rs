@@ -149,14 +149,26 @@ impl LaneRecorder {
     pub fn new(cluster: &Cluster, part: usize, range: &TimeRange) -> Self {
         let channels = cluster.channel_states().map(|(name, ..)| Lane::new(name)).collect();
         let late = cluster.channel_states().map(|(.., late)| late).collect();
-        Self {
+        let mut recorder = Self {
             lanes: Lanes { part, channels, ..Lanes::default() },
             range: range.clone(),
             begun: VecDeque::new(),
             late,
             clients: BTreeMap::new(),
             is_begun: false,
+        };
+        // A checkpoint has peers that came before the recording's first input.
+        for (session, name) in cluster.server_names() {
+            for channel in cluster.channels_of(session) {
+                if let Some(lane) = recorder.lanes.channels.get_mut(usize::from(channel.0)) {
+                    lane.server = Some(name.to_owned());
+                }
+            }
         }
+        for (session, name) in cluster.client_names() {
+            recorder.add_client(session, name);
+        }
+        recorder
     }
 
     pub fn finish(self) -> Lanes {
@@ -194,18 +206,21 @@ impl LaneRecorder {
                     }
                 }
             }
-            Input::Client { session, name } => {
-                let known = self.lanes.clients.iter().position(|lane| lane.name == *name);
-                let lane = known.unwrap_or_else(|| {
-                    if self.lanes.clients.len() < CLIENTS_MAX {
-                        self.lanes.clients.push(Lane::new(name));
-                    }
-                    self.lanes.clients.len() - 1
-                });
-                self.clients.insert(*session, lane);
-            }
+            Input::Client { session, name } => self.add_client(*session, name),
             _ => {}
         }
+    }
+
+    /// Gives a client a lane; clients of one name share it.
+    fn add_client(&mut self, session: SessionId, name: &str) {
+        let known = self.lanes.clients.iter().position(|lane| lane.name == name);
+        let lane = known.unwrap_or_else(|| {
+            if self.lanes.clients.len() < CLIENTS_MAX {
+                self.lanes.clients.push(Lane::new(name));
+            }
+            self.lanes.clients.len() - 1
+        });
+        self.clients.insert(session, lane);
     }
 
     fn client(&mut self, session: SessionId) -> Option<&mut Lane> {

@@ -67,7 +67,10 @@ pub(super) struct Timeline {
 impl Timeline {
     pub fn new(cluster: &Cluster) -> Self {
         let states = cluster.channel_states().map(|(_, state, _, _)| state).collect();
-        let (summary, peers) = (Summary::default(), BTreeMap::new());
+        // A checkpoint has peers that came before the recording's first input.
+        let there = cluster.server_names().chain(cluster.client_names());
+        let peers = there.map(|(session, name)| (session, name.to_owned())).collect();
+        let summary = Summary::default();
         Self { summary, now: None, states, peers, began: BTreeMap::new() }
     }
 
