@@ -230,6 +230,33 @@ fn replayed(path: &Path) -> ReplayReport {
     replay(&RingReader::open(path).expect("a recording")).expect("readable")
 }
 
+/// Returns the deadlines that each channel had missed before the first input of a recording and
+/// after its last, by name.
+fn late(reader: &RingReader) -> [BTreeMap<String, u64>; 2] {
+    let all = |cluster: &Cluster| -> BTreeMap<String, u64> {
+        cluster.channel_states().map(|(name, .., late)| (name.to_owned(), late)).collect()
+    };
+    let (mut told, mut before): (Option<Cluster>, _) = (None, BTreeMap::new());
+    for &number in reader.segments() {
+        for record in reader.read(number).expect("readable") {
+            match record {
+                Record::Begin(segment) if told.is_none() => {
+                    let cluster = segment.beginning.into_cluster();
+                    before = all(&cluster);
+                    told = Some(cluster);
+                }
+                Record::Input { now, input } => {
+                    let cluster = told.as_mut().expect("a beginning");
+                    cluster.handle(now, input).expect("it may");
+                    while cluster.poll_effect().is_some() {}
+                }
+                _ => {}
+            }
+        }
+    }
+    [before, all(&told.expect("a beginning"))]
+}
+
 #[test]
 fn a_recorded_life_decides_the_same_and_tells_what_happened() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -270,6 +297,11 @@ fn the_ring_is_bounded_and_its_last_segments_replay_from_a_checkpoint() {
     let [part] = &replayed.parts[..] else { panic!("{:?}", replayed.parts) };
     assert!(!part.is_from_start && part.has_end && part.summary.from_s > 1.0);
     assert!(replayed.inputs > 10_000, "{} inputs", replayed.inputs);
+    let [before, after] = late(&reader);
+    assert!(before.values().any(|late| *late > 0), "{before:?}");
+    let missed = after.into_iter().map(|(name, late)| (name.clone(), late - before[&name]));
+    let missed: BTreeMap<_, _> = missed.filter(|(_, late)| *late > 0).collect();
+    assert_eq!(part.summary.late, missed);
 
     // The lives of other managers go on behind it.
     live(&path, SMALL_SEGMENT, 3, 100);

@@ -38,7 +38,7 @@ pub struct Summary {
     pub longest_frame_ms: f64,
     /// Manager time at which that frame was swapped, in seconds.
     pub longest_frame_at_s: f64,
-    /// Deadlines that each channel has missed in all, by name.
+    /// Deadlines that each channel missed in this stretch, by name; only those that missed any.
     pub late: BTreeMap<String, u64>,
     /// Requests, by kind.
     pub requests: BTreeMap<String, u64>,
@@ -58,6 +58,8 @@ pub(super) struct Timeline {
     summary: Summary,
     now: Option<Micros>,
     states: Vec<ChannelState>,
+    /// Deadlines that each channel had missed before.
+    late_before: Vec<u64>,
     /// Servers and clients by their sessions.
     peers: BTreeMap<SessionId, String>,
     /// When frames began that are not swapped.
@@ -70,8 +72,9 @@ impl Timeline {
         // A checkpoint has peers that came before the recording's first input.
         let there = cluster.server_names().chain(cluster.client_names());
         let peers = there.map(|(session, name)| (session, name.to_owned())).collect();
+        let late_before = cluster.channel_states().map(|(.., late)| late).collect();
         let summary = Summary::default();
-        Self { summary, now: None, states, peers, began: BTreeMap::new() }
+        Self { summary, now: None, states, late_before, peers, began: BTreeMap::new() }
     }
 
     pub fn now_s(&self) -> f64 {
@@ -99,8 +102,10 @@ impl Timeline {
 
     pub fn finish(mut self, cluster: &Cluster) -> Summary {
         self.summary.to_s = self.now_s();
-        let late = cluster.channel_states().filter(|(_, _, _, late)| *late > 0);
-        self.summary.late = late.map(|(name, _, _, late)| (name.to_owned(), late)).collect();
+        let late = cluster.channel_states().zip(&self.late_before);
+        let late = late.map(|((name, .., late), before)| (name, late.saturating_sub(*before)));
+        let late = late.filter(|(_, late)| *late > 0);
+        self.summary.late = late.map(|(name, late)| (name.to_owned(), late)).collect();
         self.summary
     }
 
