@@ -234,6 +234,14 @@ fn add_lane(svg: &mut String, axis: &TimeAxis, lane: &Lane, top: f64) {
     add_intervals(svg, axis, &lane.late, "l-late", [top + 2.0, LANE - 4.0]);
     let marks = lane.marks.iter().filter(|mark| mark.at_s >= axis.from_s && mark.at_s <= axis.to_s);
     let marks: Vec<&Mark> = marks.collect();
+    let mut end = WIDTH;
+    if lane.marks_more > 0 {
+        let text = format!("and {} more", number(lane.marks_more as f64));
+        let (x, y) = (WIDTH - MARGIN, top + 26.5);
+        end = x - LETTER_PX * text.chars().count() as f64;
+        let class = "l-name l-word";
+        add(svg, format_args!("<text class=\"{class}\" x=\"{x}\" y=\"{y}\">{text}</text>\n"));
+    }
     for (index, mark) in marks.iter().enumerate() {
         let (x, y) = (axis.place(mark.at_s), top + 23.5);
         let class = if mark.is_trouble { "l-trouble" } else { "l-mark" };
@@ -249,7 +257,7 @@ fn add_lane(svg: &mut String, axis: &TimeAxis, lane: &Lane, top: f64) {
             ),
         );
         // Its words where there is room before the next one.
-        let next = marks.get(index + 1).map_or(WIDTH, |next| axis.place(next.at_s));
+        let next = marks.get(index + 1).map_or(end, |next| axis.place(next.at_s).min(end));
         let room = ((next - x - 10.0) / LETTER_PX).max(0.0) as usize;
         let letters = text.chars().count().min(WORD_LETTERS);
         if room >= letters.min(12) && letters > 0 {
@@ -321,7 +329,8 @@ mod tests {
             to_s: 5.0,
             frames: intervals(vec![(1.0, 2.0, 1)]),
             channels,
-            clients: vec![lane("demo & more")],
+            clients: vec![Lane { marks_more: 17, ..lane("demo & more") }],
+            ..Lanes::default()
         };
         let text = svg(&lanes, "a < b");
         let document = roxmltree::Document::parse(&text).unwrap_or_else(|e| panic!("{e}"));
@@ -330,6 +339,7 @@ mod tests {
         };
         assert_eq!(of_class("l-lost"), CHANNELS_MAX + 1, "and the legend");
         assert!(text.contains("lanes that are not drawn: 36"), "{text}");
+        assert!(text.contains(">and 17 more</text>"), "{text}");
         let frames = document.descendants().find(|n| n.attribute("class") == Some("l-frames"));
         let data = frames.and_then(|node| node.attribute("d")).expect("a bar");
         // A quarter of the time, from the beginning on.

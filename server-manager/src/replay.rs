@@ -180,8 +180,7 @@ impl Replay {
             };
             let is_wanted = |range: &&TimeRange| range.part.is_none_or(|part| part == number);
             let range = self.range.as_ref().filter(is_wanted);
-            let lanes = range.map(|range| LaneRecorder::new(&cluster, number, range));
-            self.player = Some(Replayer { lanes, ..Replayer::new(cluster, part, number) });
+            self.player = Some(Replayer::new(cluster, part, number, range));
             return;
         };
         // The same inputs have led to the same state, or something else than inputs did.
@@ -228,11 +227,12 @@ impl Replay {
 
     fn end_part(&mut self) {
         self.settle(true);
-        if let Some(player) = self.player.take() {
-            let summary = player.timeline.finish(&player.cluster);
+        if let Some(mut player) = self.player.take() {
             if let Some(recorder) = player.lanes {
-                self.lanes = Some(recorder.finish());
+                let (events, events_more) = player.timeline.take_drawn();
+                self.lanes = Some(Lanes { events, events_more, ..recorder.finish() });
             }
+            let summary = player.timeline.finish(&player.cluster);
             self.replayed.parts.push(ReplayRun { summary, ..player.part });
         }
     }
@@ -246,10 +246,11 @@ impl ReplayReport {
 }
 
 impl Replayer {
-    fn new(cluster: Cluster, part: ReplayRun, number: usize) -> Self {
-        let timeline = Timeline::new(&cluster);
+    fn new(cluster: Cluster, part: ReplayRun, number: usize, drawn: Option<&TimeRange>) -> Self {
+        let timeline = Timeline::new(&cluster, drawn);
+        let lanes = drawn.map(|range| LaneRecorder::new(&cluster, number, range));
         let invariants = Invariants::new(&cluster, part.is_from_start, format!("part {number}"));
-        Self { cluster, timeline, invariants, lanes: None, part, inputs: 0, last: None }
+        Self { cluster, timeline, invariants, lanes, part, inputs: 0, last: None }
     }
 
     /// Tells the core; gives the invariant that this has broken, if one.

@@ -18,7 +18,7 @@ use crate::report_page::markup::{add, escaped};
 use crate::report_page::{self, add_facts, add_row, begin_table, end_table};
 use crate::{lane_drawing, logging, outputs};
 
-/// Events in a page; the timeline has all.
+/// Maximum number of events in a page.
 const EVENTS_MAX: usize = 1000;
 
 /// Where incidents are kept for the tests of a checkout.
@@ -132,16 +132,14 @@ fn page(name: &str, replayed: &ReplayReport, lanes: &Lanes, drawing: &str) -> St
     let Some(part) = lanes.part.checked_sub(1).and_then(|index| replayed.parts.get(index)) else {
         return report_page::page(&title, &body);
     };
-    let is_drawn = |at_s: f64| at_s >= lanes.from_s && at_s <= lanes.to_s;
-    let events = part.summary.events.iter().filter(|event| is_drawn(event.at_s));
     begin_table(&mut body, "Events", &["Time, UTC", "Manager, s", "Kind", "What"]);
-    for event in events.clone().take(EVENTS_MAX) {
+    for event in lanes.events.iter().take(EVENTS_MAX) {
         let time = clock(part, event.at_s).time();
         let text = printable(&event.text).into_owned();
         add_row(&mut body, &[time, format!("{:.3}", event.at_s), event.kind.to_owned(), text]);
     }
     end_table(&mut body);
-    let more = events.count().saturating_sub(EVENTS_MAX) as u64 + part.summary.events_more;
+    let more = lanes.events.len().saturating_sub(EVENTS_MAX) as u64 + lanes.events_more;
     if more > 0 {
         let text = counted(more, "more event");
         add(&mut body, format_args!("<p class=\"note\">And {text}.</p>\n"));

@@ -67,6 +67,13 @@ pub struct TimeRange {
     pub to_s: Option<f64>,
 }
 
+impl TimeRange {
+    /// Returns whether a manager time in seconds lies in it. The part is not looked at.
+    pub(super) fn holds(&self, at_s: f64) -> bool {
+        self.from_s.is_none_or(|from| at_s >= from) && self.to_s.is_none_or(|to| at_s <= to)
+    }
+}
+
 /// The work of a core that was given an incident, in numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Checked {

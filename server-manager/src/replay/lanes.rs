@@ -10,7 +10,7 @@ use polyptych_protocol::request::MessageToClient;
 use polyptych_protocol::server_message::ServerMessage;
 
 use super::incident::TimeRange;
-use super::timeline::is_everyday;
+use super::timeline::{Event, is_everyday};
 use super::words;
 
 /// Maximum number of intervals of one kind in a lane: beyond it, neighbours become one.
@@ -60,7 +60,7 @@ pub struct Lane {
     pub shown: Intervals,
     /// Deadlines that were missed; requests that were refused.
     pub late: Intervals,
-    /// The first things that are worth a word.
+    /// The first things that are worth a word; trouble takes the place of what is none.
     pub marks: Vec<Mark>,
     /// Things beyond those.
     pub marks_more: u64,
@@ -81,6 +81,10 @@ pub struct Lanes {
     pub channels: Vec<Lane>,
     /// In the order in which they came.
     pub clients: Vec<Lane>,
+    /// Events of the timeline that are in the range, in order.
+    pub events: Vec<Event>,
+    /// Events in the range beyond those.
+    pub events_more: u64,
 }
 
 impl Intervals {
@@ -123,11 +127,13 @@ impl Lane {
     }
 
     fn mark(&mut self, at_s: f64, is_trouble: bool, text: String) {
-        if self.marks.len() < MARKS_MAX {
-            self.marks.push(Mark { at_s, is_trouble, text });
-        } else {
+        if self.marks.len() >= MARKS_MAX {
             self.marks_more += 1;
+            let ordinary = self.marks.iter().rposition(|mark| !mark.is_trouble);
+            let Some(index) = ordinary.filter(|_| is_trouble) else { return };
+            self.marks.remove(index);
         }
+        self.marks.push(Mark { at_s, is_trouble, text });
     }
 }
 
@@ -179,9 +185,7 @@ impl LaneRecorder {
         let now_s = now as f64 / 1e6;
         // Who is there is known from before.
         self.note_peers(input);
-        let is_before = self.range.from_s.is_some_and(|from| now_s < from);
-        let is_after = self.range.to_s.is_some_and(|to| now_s > to);
-        if is_before || is_after {
+        if !self.range.holds(now_s) {
             return;
         }
         if !self.is_begun {
@@ -350,6 +354,18 @@ mod tests {
         assert_eq!(gaps.count(), 3);
         intervals.push(f64::NAN, 0.0);
         assert!(intervals.list.iter().all(|(from, to, _)| from <= to));
+    }
+
+    #[test]
+    fn trouble_is_marked_in_a_lane_that_is_full() {
+        let mut lane = Lane::new("left");
+        let count = MARKS_MAX as u32 + 10;
+        (0..count).for_each(|at| lane.mark(f64::from(at), at == 3, "asked".to_owned()));
+        lane.mark(1000.0, true, "lost".to_owned());
+        assert_eq!((lane.marks.len(), lane.marks_more), (MARKS_MAX, 11));
+        let trouble = lane.marks.iter().filter(|mark| mark.is_trouble).map(|mark| mark.at_s);
+        assert_eq!(trouble.collect::<Vec<_>>(), [3.0, 1000.0]);
+        assert!(lane.marks.is_sorted_by(|a, b| a.at_s < b.at_s), "{:?}", lane.marks);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Timelines and lanes of parts that begin with a checkpoint.
+//! Timelines and lanes, of parts that begin with a checkpoint and of long ones.
 
 use glam::{DVec2, DVec3, UVec2};
 use polyptych_core::SessionId;
@@ -45,7 +45,7 @@ fn peers_that_came_before_a_part_have_names_and_lanes() {
     assert_eq!(lanes.channels[0].server.as_deref(), Some("pc-1"));
     let clients: Vec<_> = lanes.clients.iter().map(|lane| lane.name.as_str()).collect();
     assert_eq!(clients, ["demo"]);
-    let mut timeline = Timeline::new(&cluster);
+    let mut timeline = Timeline::new(&cluster, None);
     for input in [
         Input::ServerGone { session: SERVER, reason: "unplugged".into() },
         Input::ClientGone { session: CLIENT },
@@ -56,4 +56,24 @@ fn peers_that_came_before_a_part_have_names_and_lanes() {
     let events = timeline.finish(&cluster).events;
     let says = |text: &str| events.iter().any(|event| event.text == text);
     assert!(says("server pc-1 is gone: unplugged") && says("client demo leaves"), "{events:?}");
+}
+
+#[test]
+fn events_of_a_drawn_range_are_kept_however_many_came_before() {
+    const COUNT: u64 = 12_000;
+    let cluster = joined();
+    let range = TimeRange { part: None, from_s: Some(11_000.0), to_s: Some(11_009.0) };
+    let mut timeline = Timeline::new(&cluster, Some(&range));
+    // A client that nobody knows leaves, once in a second.
+    for second in 0..COUNT {
+        let (now, input) = (second * 1_000_000, Input::ClientGone { session: SessionId(99) });
+        timeline.observe(now, &input, &[], None, &cluster);
+    }
+    let (events, more) = timeline.take_drawn();
+    let times: Vec<f64> = events.iter().map(|event| event.at_s).collect();
+    let due: Vec<f64> = (0..10).map(|second| 11_000.0 + f64::from(second)).collect();
+    assert_eq!((times, more), (due, 0));
+    let summary = timeline.finish(&cluster);
+    assert_eq!(summary.events.len() as u64 + summary.events_more, COUNT);
+    assert!(summary.events_more > 0, "all are kept");
 }

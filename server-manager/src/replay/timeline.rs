@@ -9,6 +9,7 @@ use polyptych_protocol::ids::FrameId;
 use polyptych_protocol::request::{MessageToClient, Request};
 use serde::Serialize;
 
+use crate::replay::incident::TimeRange;
 use crate::replay::words;
 
 /// Events that are kept: more than anybody reads; the rest is counted.
@@ -64,17 +65,31 @@ pub(super) struct Timeline {
     peers: BTreeMap<SessionId, String>,
     /// When frames began that are not swapped.
     began: BTreeMap<FrameId, Micros>,
+    /// The range that is drawn, if any.
+    range: Option<TimeRange>,
+    /// Events in that range, as many as are kept, and how many there are beyond those.
+    drawn: (Vec<Event>, u64),
 }
 
 impl Timeline {
-    pub fn new(cluster: &Cluster) -> Self {
+    /// Begins with a core. Events in `range` are kept for a drawing as well.
+    pub fn new(cluster: &Cluster, range: Option<&TimeRange>) -> Self {
         let states = cluster.channel_states().map(|(_, state, _, _)| state).collect();
         // A checkpoint has peers that came before the recording's first input.
         let there = cluster.server_names().chain(cluster.client_names());
         let peers = there.map(|(session, name)| (session, name.to_owned())).collect();
         let late_before = cluster.channel_states().map(|(.., late)| late).collect();
         let summary = Summary::default();
-        Self { summary, now: None, states, late_before, peers, began: BTreeMap::new() }
+        Self {
+            summary,
+            now: None,
+            states,
+            late_before,
+            peers,
+            began: BTreeMap::new(),
+            range: range.cloned(),
+            drawn: (Vec::new(), 0),
+        }
     }
 
     pub fn now_s(&self) -> f64 {
@@ -100,6 +115,11 @@ impl Timeline {
         }
     }
 
+    /// Takes the events in the drawn range, and the number of those beyond them.
+    pub fn take_drawn(&mut self) -> (Vec<Event>, u64) {
+        std::mem::take(&mut self.drawn)
+    }
+
     pub fn finish(mut self, cluster: &Cluster) -> Summary {
         self.summary.to_s = self.now_s();
         let late = cluster.channel_states().zip(&self.late_before);
@@ -110,12 +130,11 @@ impl Timeline {
     }
 
     fn event(&mut self, kind: &'static str, text: String) {
-        if self.summary.events.len() >= EVENTS_KEPT_MAX {
-            self.summary.events_more += 1;
-            return;
+        let event = Event { at_s: self.now_s(), kind, text };
+        if self.range.as_ref().is_some_and(|range| range.holds(event.at_s)) {
+            keep(&mut self.drawn.0, &mut self.drawn.1, event.clone());
         }
-        let at_s = self.now_s();
-        self.summary.events.push(Event { at_s, kind, text });
+        keep(&mut self.summary.events, &mut self.summary.events_more, event);
     }
 
     fn name(&self, session: SessionId) -> String {
@@ -240,6 +259,15 @@ impl Timeline {
             }
             _ => {}
         }
+    }
+}
+
+/// Keeps an event, or counts it where there are as many as are kept.
+fn keep(events: &mut Vec<Event>, more: &mut u64, event: Event) {
+    if events.len() < EVENTS_KEPT_MAX {
+        events.push(event);
+    } else {
+        *more += 1;
     }
 }
 
