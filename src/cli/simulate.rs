@@ -361,6 +361,14 @@ fn frame_count(arguments: &Arguments) -> Option<u64> {
     }
 }
 
+/// The time at which the next frame is asked for: a period of `rate` frames per second after
+/// `last`, but not before `now`. Time that was lost is not made up for by frames in a hurry.
+fn next_due(last: Option<Instant>, rate: Option<f64>, now: Instant) -> Instant {
+    let period = rate.and_then(|rate| Duration::try_from_secs_f64(1.0 / rate).ok());
+    let due = last.zip(period).and_then(|(last, period)| last.checked_add(period));
+    due.map_or(now, |due| due.max(now))
+}
+
 /// The frames of a run.
 struct FrameRun<'a> {
     local: &'a LocalWall,
@@ -386,7 +394,7 @@ impl FrameRun<'_> {
             bar.set_style(style);
         }
         let (start, mut last_s) = (Instant::now(), arguments.time);
-        let mut asked = VecDeque::new();
+        let (mut asked, mut asked_at) = (VecDeque::new(), None);
         let mut answer = |n: u64, pending: Pending| -> anyhow::Result<u64> {
             let Response::Frame(feedback) = pending.wait()? else {
                 bail!("frame {} of the run was answered with something else", n + 1);
@@ -402,12 +410,11 @@ impl FrameRun<'_> {
             if count.is_some_and(|count| n >= count) || is_over {
                 break;
             }
-            let due = arguments.rate.map_or(Duration::ZERO, |rate| {
-                Duration::try_from_secs_f64(n as f64 / rate).unwrap_or(Duration::MAX)
-            });
-            if local.end.wait_until(start.checked_add(due).unwrap_or(start)).is_some() {
+            let due = next_due(asked_at, arguments.rate, Instant::now());
+            if local.end.wait_until(due).is_some() {
                 break;
             }
+            asked_at = Some(due);
             last_s = arguments.time + arguments.seconds_of(n);
             let time_s = Some(last_s);
             // Once the mouse has moved the camera, it is the user's.
@@ -468,4 +475,20 @@ fn generated_town(extras: TownExtras) -> anyhow::Result<ReferenceScene> {
     outputs::write(&path, &bytes)?;
     let (min, max) = town.focus();
     Ok(ReferenceScene { file: path.canonicalize()?, focus: Some(Bounds { min, max }) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_after_a_stall_keep_their_distance() {
+        let start = Instant::now();
+        let at = |ms: u64| start + Duration::from_millis(ms);
+        let due = |last: Option<u64>, now: u64| next_due(last.map(at), Some(10.0), at(now));
+        assert_eq!([due(None, 0), due(Some(0), 30), due(Some(100), 210)], [0, 100, 210].map(at));
+        // The second frame after a stall of two seconds.
+        assert_eq!([due(Some(210), 2200), due(Some(2200), 2201)], [2200, 2300].map(at));
+        assert_eq!(next_due(Some(at(5)), None, at(6)), at(6), "as many as the wall can");
+    }
 }
