@@ -6,6 +6,7 @@ mod plan;
 mod record;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
@@ -25,6 +26,9 @@ use record::{FaultEnd, FaultEvent, FaultRecorder};
 
 /// Faults that wait for their end at once; a wall with more of them under way learns nothing.
 const ENDS_MAX: usize = 64;
+
+/// The text of a server's file that makes its GPU lost, once.
+const LOSS: &str = "lose\n";
 
 /// The servers of a wall that need hooks for faults, by name.
 #[derive(Clone, Debug, Default)]
@@ -135,18 +139,19 @@ impl<'a> Faults<'a> {
             FaultKind::Kill => signal(self.pid_of(server)?, Signal::KILL)?,
             FaultKind::Stop(length) => self.stop(server, length)?,
             FaultKind::Slow { by, length } => {
-                self.begin_alone("slowed", server, length)?;
                 let file = self.local.slow_file(server).ok_or("the server can't be slowed")?;
+                check_keeps_gpu(&file)?;
+                self.begin_alone("slowed", server, length)?;
                 let text = format!("{}\n", by.as_millis());
                 output_file::write(&file, text.as_bytes()).map_err(|error| error.to_string())?;
-                // A file that is gone already slows nobody.
-                self.ends.add(length, move || drop(std::fs::remove_file(file)));
+                self.ends.add(length, move || end_slowness(&file, &text));
             }
             FaultKind::LoseGpu => {
+                let file = self.local.slow_file(server).ok_or("the server has no such file")?;
+                check_keeps_gpu(&file)?;
                 // It is read before the next frame, and removed: what slows would end with it.
                 self.begin_alone("slowed", server, Some(Duration::ZERO))?;
-                let file = self.local.slow_file(server).ok_or("the server has no such file")?;
-                output_file::write(&file, b"lose\n").map_err(|error| error.to_string())?;
+                output_file::write(&file, LOSS.as_bytes()).map_err(|error| error.to_string())?;
             }
             FaultKind::Corrupt { up, down } => relay()?.corrupt(up, down),
             FaultKind::Cut => relay()?.cut(),
@@ -199,6 +204,22 @@ impl<'a> Faults<'a> {
     fn pid_of(&self, server: &str) -> Result<Pid, String> {
         let pid = self.local.pid_of(server).and_then(|pid| Pid::from_raw(pid as i32));
         pid.ok_or_else(|| "its server is not running".to_owned())
+    }
+}
+
+/// Checks that a server's file does not demand a loss of the GPU that the server has not read yet:
+/// that fault would be undone by what is written over it.
+fn check_keeps_gpu(file: &Path) -> Result<(), String> {
+    let is_lost = std::fs::read_to_string(file).is_ok_and(|text| text == LOSS);
+    if is_lost { Err("its GPU is about to be lost".to_owned()) } else { Ok(()) }
+}
+
+/// Removes a server's file if it still says what slows the server: anything else in it is another
+/// fault's.
+fn end_slowness(file: &Path, text: &str) {
+    if std::fs::read_to_string(file).is_ok_and(|said| said == text) {
+        // A file that is gone already slows nobody.
+        let _ = std::fs::remove_file(file);
     }
 }
 
@@ -262,5 +283,27 @@ impl Drop for FaultTimer {
             // What it had to end ends with the processes then.
             let _ = thread.join();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_loss_that_is_not_read_yet_is_not_undone() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("slow-0");
+        assert_eq!(check_keeps_gpu(&file), Ok(()), "there is none");
+        std::fs::write(&file, "200\n").expect("written");
+        assert_eq!(check_keeps_gpu(&file), Ok(()));
+        std::fs::write(&file, LOSS).expect("written");
+        check_keeps_gpu(&file).expect_err("it was not read");
+        // The end of a fault that slowed before.
+        end_slowness(&file, "200\n");
+        check_keeps_gpu(&file).expect_err("it is still to come");
+        std::fs::write(&file, "200\n").expect("written");
+        end_slowness(&file, "200\n");
+        assert!(!file.exists(), "it still slows");
     }
 }
