@@ -123,6 +123,15 @@ impl Supervisor {
         self.states.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// Returns a function that gives the process of a child while it runs, from any thread.
+    pub fn pid_watch(&self, child: &str) -> Box<dyn Fn() -> Option<u32> + Send> {
+        let (states, child) = (Arc::clone(&self.states), child.to_owned());
+        Box::new(move || {
+            let states = states.lock().unwrap_or_else(PoisonError::into_inner);
+            states.iter().find(|state| state.name == child)?.pid
+        })
+    }
+
     /// Ends the children from another thread; they are gone when the supervisor is dropped.
     pub fn stop_token(&self) -> CancellationToken {
         self.stop.clone()

@@ -68,7 +68,8 @@ pub(crate) struct Faults<'a> {
     channels: Vec<(String, String)>,
     chance: fastrand::Rng,
     recorder: FaultRecorder,
-    stopped: BTreeMap<String, Instant>,
+    /// By server: the process that stands still, and until when.
+    stopped: BTreeMap<String, (Pid, Instant)>,
     /// Until when servers are slowed, delayed or unplugged; `None`: to the end.
     lasting: BTreeMap<(&'static str, String), Option<Instant>>,
     ends: FaultTimer,
@@ -189,20 +190,20 @@ impl<'a> Faults<'a> {
     }
 
     fn stop(&mut self, server: &str, length: Duration) -> Result<(), String> {
-        let now = Instant::now();
-        if self.stopped.get(server).is_some_and(|&until| until > now) {
+        let (now, pid) = (Instant::now(), self.pid_of(server)?);
+        if is_stopped(self.stopped.get(server), pid, now) {
             return Err("its server is stopped already".to_owned());
         }
-        let pid = self.pid_of(server)?;
         signal(pid, Signal::STOP)?;
-        self.stopped.insert(server.to_owned(), now + length);
+        self.stopped.insert(server.to_owned(), (pid, now + length));
+        let running = self.local.pid_watch(server);
         // One that was killed meanwhile needs no waking.
-        self.ends.add(Some(length), move || drop(signal(pid, Signal::CONT)));
+        self.ends.add(Some(length), move || drop(wake(pid, running().and_then(process))));
         Ok(())
     }
 
     fn pid_of(&self, server: &str) -> Result<Pid, String> {
-        let pid = self.local.pid_of(server).and_then(|pid| Pid::from_raw(pid as i32));
+        let pid = self.local.pid_of(server).and_then(process);
         pid.ok_or_else(|| "its server is not running".to_owned())
     }
 }
@@ -221,6 +222,25 @@ fn end_slowness(file: &Path, text: &str) {
         // A file that is gone already slows nobody.
         let _ = std::fs::remove_file(file);
     }
+}
+
+fn process(pid: u32) -> Option<Pid> {
+    Pid::from_raw(pid as i32)
+}
+
+/// Returns whether this process is the one that stands still. A server that was killed meanwhile
+/// has another one, which runs.
+fn is_stopped(stopped: Option<&(Pid, Instant)>, pid: Pid, now: Instant) -> bool {
+    stopped.is_some_and(|&(stopped, until)| stopped == pid && until > now)
+}
+
+/// Lets a stopped process go on, if it is still the one that is running for its server: the number
+/// of one that has ended may be another program's.
+fn wake(pid: Pid, running: Option<Pid>) -> Result<(), String> {
+    if running != Some(pid) {
+        return Err("it has ended meanwhile".to_owned());
+    }
+    signal(pid, Signal::CONT)
 }
 
 fn signal(pid: Pid, signal: Signal) -> Result<(), String> {
@@ -289,6 +309,21 @@ impl Drop for FaultTimer {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_the_process_that_was_stopped_stands_still_and_is_woken() {
+        let own = rustix::process::getpid();
+        let other = process(own.as_raw_nonzero().get() as u32 + 1).expect("a number");
+        let (now, length) = (Instant::now(), Duration::from_mins(10));
+        let stopped = (own, now + length);
+        assert!(is_stopped(Some(&stopped), own, now), "a second stop");
+        assert!(!is_stopped(Some(&stopped), other, now), "it was killed and started again");
+        assert!(!is_stopped(Some(&stopped), own, now + length), "it runs again");
+        assert!(!is_stopped(None, own, now));
+        wake(own, Some(other)).expect_err("another process runs in its place");
+        wake(own, None).expect_err("it has ended");
+        wake(own, Some(own)).expect("for a process that runs this is nothing");
+    }
 
     #[test]
     fn a_loss_that_is_not_read_yet_is_not_undone() {

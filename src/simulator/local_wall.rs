@@ -170,6 +170,11 @@ impl LocalWall {
         self.child(server)?.pid
     }
 
+    /// A function that gives the process of a server while it is running, from any thread.
+    pub fn pid_watch(&self, server: &str) -> Box<dyn Fn() -> Option<u32> + Send> {
+        self.supervisor.pid_watch(server)
+    }
+
     /// Times that this server was started again and came to run.
     pub fn restarts_of(&self, server: &str) -> u64 {
         let Some(ChildState { pid, restarts, .. }) = self.child(server) else { return 0 };
