@@ -51,9 +51,14 @@ pub(crate) struct ChannelOutput {
     pub present_fault: Option<String>,
     /// The warning that the manager knows.
     pub reported: Option<String>,
+    /// The content that the display took last, beside the address that it was named with.
+    presented: Option<(DisplayContent, Option<String>)>,
     /// For a test: its display takes no frames.
     #[cfg(test)]
     pub is_broken: bool,
+    /// For a test: how often its display took something.
+    #[cfg(test)]
+    pub presents: u32,
 }
 
 /// The properties of a channel's display that a wall states.
@@ -109,8 +114,11 @@ impl ChannelOutput {
             note: NoteTime::default(),
             present_fault: None,
             reported: None,
+            presented: None,
             #[cfg(test)]
             is_broken: false,
+            #[cfg(test)]
+            presents: 0,
         }
     }
 
@@ -360,6 +368,21 @@ impl ChannelOutput {
         }
     }
 
+    /// Returns whether the display should show other content than it took last. Another picture of
+    /// a frame is none.
+    pub fn has_other_content(&self, showing: &PresentationState) -> bool {
+        self.presented.as_ref() != Some(&self.content(showing))
+    }
+
+    /// The content that is to be shown now, beside the address that it is named with.
+    fn content(&self, showing: &PresentationState) -> (DisplayContent, Option<String>) {
+        let has_picture = self.shown.as_ref().is_some_and(|shown| shown.idle.is_none());
+        let content = showing.content(has_picture);
+        let is_named = matches!(content, DisplayContent::Picture { is_named: true, .. });
+        let notice = showing.notice().filter(|_| is_named);
+        (content, notice.and_then(|notice| notice.address.clone()))
+    }
+
     /// Shows what is to be shown now.
     ///
     /// # Errors
@@ -371,9 +394,8 @@ impl ChannelOutput {
         identity: &ServerInfo,
     ) -> Result<(), String> {
         let Some(display_size) = self.display_size() else { return Ok(()) };
-        let has_picture = self.shown.as_ref().is_some_and(|shown| shown.idle.is_none());
-        let mut labels = Vec::new();
-        let is_black = match showing.content(has_picture) {
+        let (mut labels, content) = (Vec::new(), self.content(showing));
+        let is_black = match content.0.clone() {
             DisplayContent::Black => true,
             DisplayContent::Idle { notice: None, .. } => return Ok(()),
             DisplayContent::Idle { notice: Some(notice), is_frozen } => {
@@ -396,7 +418,7 @@ impl ChannelOutput {
             }
         };
         let picture = self.shown.as_ref().map(|shown| &shown.picture).filter(|_| !is_black);
-        match &mut self.surface {
+        let taken = match &mut self.surface {
             OutputSurface::Nowhere => Ok(()),
             OutputSurface::Window(display) => display.present(gpu, picture, &labels),
             #[cfg(test)]
@@ -405,9 +427,13 @@ impl ChannelOutput {
             OutputSurface::Offscreen(offscreen) => {
                 let (output, surface) = &mut **offscreen;
                 output.draw(gpu, picture, &labels, surface.view(), surface.size());
+                self.presents += 1;
                 Ok(())
             }
-        }
+        };
+        // One that could not take it is asked again with the next news.
+        self.presented = taken.is_ok().then_some(content);
+        taken
     }
 
     fn show_idle(&mut self, gpu: &Gpu, size: [u32; 2], lines: Vec<String>) {

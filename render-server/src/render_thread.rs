@@ -284,9 +284,7 @@ impl RenderThread {
             }
             RenderTask::Notice(notice) => {
                 self.showing.set_connection_status(notice);
-                for index in 0..self.outputs.len() {
-                    self.show_again(index);
-                }
+                self.show_news();
             }
             RenderTask::Disconnected => {
                 self.playback.reset();

@@ -66,6 +66,16 @@ impl RenderThread {
         }
     }
 
+    /// Presents again on displays whose content has changed. On others it would take the place of
+    /// a frame, where each picture waits for a refresh of the display.
+    pub(super) fn show_news(&mut self) {
+        for index in 0..self.outputs.len() {
+            if self.outputs[index].has_other_content(&self.showing) {
+                self.show_again(index);
+            }
+        }
+    }
+
     /// Learns what the wall of a state says of the displays.
     pub(super) fn expect(&mut self, state: &LoadedState) {
         let Some(wall) = state.replica.wall.as_deref() else { return };

@@ -353,6 +353,34 @@ fn a_lost_manager_is_told_in_a_corner_until_a_frame_is_shown() {
 }
 
 #[test]
+fn a_display_is_presented_again_only_where_a_notice_changes_what_it_shows() {
+    let mut stage = RenderThreadFixture::new();
+    let presents = |stage: &RenderThreadFixture| stage.thread.outputs[0].presents;
+    stage.thread.handle(notice("connecting", false));
+    stage.thread.handle(notice("wall test: getting the scene ready", false));
+    assert_eq!(presents(&stage), 2, "an idle display says it");
+    stage.show(0.5, OutputMode::Normal);
+    let shown = presents(&stage);
+    for _ in 0..10 {
+        stage.thread.handle(notice("wall test: ready, no frame yet", false));
+    }
+    assert_eq!(presents(&stage), shown, "the picture waits for the next frame");
+    stage.thread.handle(notice("manager lost at 127.0.0.1:7878: killed", true));
+    assert_eq!(presents(&stage), shown + 1);
+
+    stage.show(0.5, OutputMode::Identify);
+    let named = presents(&stage);
+    stage.thread.handle(notice("wall test: ready, no frame yet", false));
+    assert_eq!(presents(&stage), named, "its address is the same");
+    let RenderTask::Notice(elsewhere) = notice("wall test: ready, no frame yet", false) else {
+        panic!("a notice")
+    };
+    let address = Some("127.0.0.1:6".into());
+    stage.thread.handle(RenderTask::Notice(ConnectionStatus { address, ..elsewhere }));
+    assert_eq!(presents(&stage), named + 1);
+}
+
+#[test]
 fn a_stopped_wall_says_so_instead_of_its_last_picture() {
     let mut stage = RenderThreadFixture::new();
     let plain = stage.show(0.5, OutputMode::Normal);
