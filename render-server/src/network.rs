@@ -310,7 +310,7 @@ impl Network {
         let _ = tokio::time::timeout(GOODBYE_TIME_MAX, frames.send(goodbye)).await;
         tokio::select! {
             biased;
-            () = send_disconnected(&self.jobs) => {}
+            () = send_surely(&self.jobs, RenderTask::Disconnected) => {}
             () = ending.ended() => {}
         }
         end
@@ -331,6 +331,7 @@ impl Network {
         self.clock.set(None);
         // Reports for an older connection mean nothing on this one.
         while self.waiting_reports.try_recv().is_ok() {}
+        send_surely(&self.jobs, RenderTask::Connected).await;
         let hello = Hello::Bulk(BulkHello { session: welcome.session });
         let bulk_frames = match self.introduce(Role::Bulk, &hello).await {
             Ok((frames, _)) => frames,
@@ -457,10 +458,9 @@ impl Network {
     }
 }
 
-/// Tells the render thread that the connection has ended. Waits while its queue is full: frames of
-/// that connection would else be taken for those of the next one.
-async fn send_disconnected(jobs: &Sender<RenderTask>) {
-    let mut waiting = RenderTask::Disconnected;
+/// Tells the render thread that a connection begins or has ended. Waits while its queue is full:
+/// frames and reports of one connection would else be taken for those of the next one.
+async fn send_surely(jobs: &Sender<RenderTask>, mut waiting: RenderTask) {
     while let Err(TrySendError::Full(task)) = jobs.try_send(waiting) {
         waiting = task;
         tokio::time::sleep(FULL_QUEUE_PAUSE).await;
@@ -483,7 +483,7 @@ mod tests {
         jobs.try_send(RenderTask::Notice(wall)).expect("room");
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build();
         let taken = runtime.expect("a runtime").block_on(async {
-            let mut sent = pin!(send_disconnected(&jobs));
+            let mut sent = pin!(send_surely(&jobs, RenderTask::Disconnected));
             let is_sent = futures_util::poll!(sent.as_mut()).is_ready();
             assert!(!is_sent, "there is no room for it");
             let first = waiting.try_recv().expect("the notice");

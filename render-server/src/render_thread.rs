@@ -72,6 +72,8 @@ pub enum RenderTask {
     Swap(Swap),
     /// The words for displays that have no picture to show, or an old one.
     Notice(ConnectionStatus),
+    /// A connection begins: nothing that was reported until now reaches its manager.
+    Connected,
     /// The connection ended: what waits belongs to it.
     Disconnected,
     /// A window has another size.
@@ -286,6 +288,7 @@ impl RenderThread {
                 self.showing.set_connection_status(notice);
                 self.show_news();
             }
+            RenderTask::Connected => self.reset_reported(),
             RenderTask::Disconnected => {
                 self.playback.reset();
                 self.reset_reported();

@@ -119,7 +119,8 @@ impl RenderThread {
         }
     }
 
-    /// The next manager, or the next connection to this one, knows nothing of displays.
+    /// The next manager, or the next connection to this one, knows nothing of displays, nor of what
+    /// was reported of them in between.
     pub(super) fn reset_reported(&mut self) {
         for output in &mut self.outputs {
             output.reported = None;

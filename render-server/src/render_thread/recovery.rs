@@ -176,6 +176,7 @@ impl RenderThread {
                     RenderTask::ShowLife(notifier) => notifier.alive(),
                     RenderTask::Stop => self.is_stopping = true,
                     RenderTask::Notice(notice) => self.showing.set_connection_status(notice),
+                    RenderTask::Connected => self.reset_reported(),
                     RenderTask::Disconnected => {
                         self.playback.reset();
                         self.reset_reported();

@@ -493,6 +493,21 @@ fn a_picture_that_does_not_fit_its_monitor_is_told_for_a_while_on_it_and_to_each
     stage.prepare(wall());
     assert_eq!(told(&mut stage), [None], "it fits again");
 
+    stage.thread.handle(RenderTask::Disconnected);
+    let gone = MonitorAssignment { is_connected: false, ..assigned(&monitor) };
+    let channel = "front-1-1".to_owned();
+    stage.thread.handle(RenderTask::MonitorAssigned { channel, assignment: gone });
+    // What was reported without a connection is dropped.
+    let dropped = told(&mut stage);
+    stage.thread.handle(RenderTask::Connected);
+    stage.prepare(wall());
+    let told_again = told(&mut stage);
+    assert_eq!(told_again, dropped, "the next manager hears what happened while there was none");
+    assert!(matches!(&told_again[..], [Some(warning)] if warning.contains("is gone")));
+    let (channel, assignment) = ("front-1-1".to_owned(), assigned(&monitor));
+    stage.thread.handle(RenderTask::MonitorAssigned { channel, assignment });
+    assert_eq!(told(&mut stage), [None], "and that it is over");
+
     stage.thread.outputs[0].present_fault = Some("its surface is not valid".to_owned());
     stage.thread.check_displays();
     let warning = "its display takes no frames: its surface is not valid".to_owned();
