@@ -164,6 +164,9 @@ pub(crate) struct RenderThread {
     relayout: Option<(Arc<SceneLayout>, Option<Arc<MovedItems>>)>,
     /// The state that is made drawable, if one is.
     preparation: Option<Preparation>,
+    /// The last step to make a state drawable is being done, or was when the GPU had a fault, and
+    /// its scene is none of those of `states`.
+    is_completing: bool,
     showing: PresentationState,
     /// The last frame that was drawn and is to be metered, until it is shown; ordinary ones may
     /// have been drawn since.
@@ -206,6 +209,7 @@ impl RenderThread {
             build_fault: None,
             relayout: None,
             preparation: None,
+            is_completing: false,
             showing: PresentationState::default(),
             to_meter: None,
             delayed_metering: None,

@@ -252,6 +252,12 @@ impl GpuScene {
         self.content_bytes
     }
 
+    /// Returns whether its textures and primitives are those of another scene, which take memory
+    /// once.
+    pub fn has_content_of(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.geometries, &other.geometries)
+    }
+
     /// Returns whether anything in it is blended or transmits light; its targets must then be
     /// linear.
     pub fn has_transparency(&self) -> bool {

@@ -204,30 +204,45 @@ impl RenderThread {
     }
 
     /// Makes a state whose pipelines are there the latest one. Gives the bytes of its scene.
-    fn complete(
+    pub(super) fn complete(
         &mut self,
         state: Arc<LoadedState>,
         scene: Rc<GpuScene>,
         is_new: bool,
     ) -> Result<u64, String> {
-        self.arrange_windows(&state);
-        let start = Instant::now();
-        let correctors = self.correctors(&state)?;
-        let correctors_us = start.elapsed().as_micros() as u64;
-        tracing::debug!(correctors_us, "the channels' corrections are on the GPU");
-        self.expect(&state);
-        if is_new {
-            self.warm_up(&state, &scene, &correctors)?;
-        } else {
-            // Nothing is left to be made, unless another thread failed to.
-            self.prepare(&state, &scene);
-        }
+        self.is_completing = !self.states.iter().any(|of| of.scene.has_content_of(&scene));
+        let correctors = self.finish_drawable(&state, &scene, is_new);
+        // This took the most memory of all steps: a recovery must know what was held then.
+        self.is_completing &= correctors.is_err() && self.gpu.first_fault().is_some();
+        let correctors = correctors?;
         if self.states.len() == STATES_MAX {
             self.states.remove(1);
         }
         let scene_bytes = scene.content_bytes();
         self.states.push_back(ReadyState { state, scene, correctors });
         Ok(scene_bytes)
+    }
+
+    /// Makes all that is left to be made for a state. Returns its correctors.
+    fn finish_drawable(
+        &mut self,
+        state: &LoadedState,
+        scene: &GpuScene,
+        is_new: bool,
+    ) -> Result<Correctors, String> {
+        self.arrange_windows(state);
+        let start = Instant::now();
+        let correctors = self.correctors(state)?;
+        let correctors_us = start.elapsed().as_micros() as u64;
+        tracing::debug!(correctors_us, "the channels' corrections are on the GPU");
+        self.expect(state);
+        if is_new {
+            self.warm_up(state, scene, &correctors)?;
+        } else {
+            // Nothing is left to be made, unless another thread failed to.
+            self.prepare(state, scene);
+        }
+        Ok(correctors)
     }
 
     /// A scene in what surrounds it in a state, and whether the pipelines of the state before

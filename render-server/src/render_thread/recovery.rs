@@ -7,10 +7,10 @@
 use std::time::{Duration, Instant};
 
 use polyptych_protocol::server_message::ServerMessage;
-use polyptych_renderer::{Gpu, GpuFault, GpuFaultKind};
+use polyptych_renderer::{Gpu, GpuFault, GpuFaultKind, GpuScene};
 
 use super::preparation::Preparation;
-use super::{RenderTask, RenderThread};
+use super::{ReadyState, RenderTask, RenderThread};
 use crate::render_event::RenderEvent;
 
 /// Maximum time for which a driver may refuse to open its adapter again, while it is reset.
@@ -123,6 +123,7 @@ impl RenderThread {
         let reason = fault.reason.as_str();
         tracing::error!(reason, "the GPU was lost and is opened again");
         self.losses.add(fault, self.holds_two_scenes(), begun)?;
+        self.is_completing = false;
         if fault.kind == GpuFaultKind::Hangs {
             // To drop what is on a device waits for the device.
             std::mem::forget(std::mem::take(&mut self.states));
@@ -156,10 +157,17 @@ impl RenderThread {
         Ok(())
     }
 
-    /// Returns whether a scene is on the GPU beside one that is made ready to take its place.
+    /// Returns whether a scene is on the GPU beside one that is made ready to take its place, or
+    /// waits for other servers to do so.
     fn holds_two_scenes(&self) -> bool {
-        let is_next_here = self.building.is_some() || self.preparation.is_some();
-        is_next_here && self.states.iter().any(|of| of.scene.content_bytes() > 0)
+        let mut held: Vec<&GpuScene> = Vec::new();
+        for ReadyState { scene, .. } in &self.states {
+            if scene.content_bytes() > 0 && !held.iter().any(|of| of.has_content_of(scene)) {
+                held.push(scene);
+            }
+        }
+        let is_made_ready = self.building.is_some() || self.preparation.is_some();
+        held.len() + usize::from(is_made_ready || self.is_completing) > 1
     }
 
     /// Opens the adapter again as soon as its driver lets it. `None` if this server is to end.

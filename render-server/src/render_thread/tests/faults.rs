@@ -1,5 +1,11 @@
-//! Channels that cannot draw, beside those that can, and displays that take no frames.
+//! Channels that cannot draw, beside those that can, displays that take no frames, and a GPU
+//! whose memory runs out.
 
+use polyptych_files::blob::BlobHash;
+use polyptych_renderer::GpuFaultKind;
+use polyptych_scene::{LightEffects, Sampler, Texture, TextureFormat};
+
+use super::preparation::with_effects;
 use super::*;
 
 impl RenderThreadFixture {
@@ -72,4 +78,61 @@ fn a_display_that_takes_no_frames_does_not_cost_the_picture_that_somebody_asked_
     stage.thread.outputs[0].is_broken = false;
     assert_eq!(stage.told(0.7), [vec![0u16], vec![0], vec![], vec![0]]);
     assert_eq!(stage.thread.outputs[0].reported, None);
+}
+
+/// A scene that holds a texture of one pixel.
+fn textured(gpu: &Gpu) -> SceneBuilder {
+    let texture = Texture {
+        blob: BlobHash::of(b"white"),
+        format: TextureFormat::Rgba8Srgb,
+        width: 1,
+        height: 1,
+        mip_count: 1,
+        sampler: Sampler::default(),
+    };
+    let desc = Scene { sky: Vec3::ONE, textures: vec![texture], ..Scene::default() };
+    let mut builder = SceneBuilder::new(gpu, desc).expect("a scene");
+    builder.upload_texture(gpu, 0, &[255; 4]).expect("uploaded");
+    builder
+}
+
+/// A render thread that draws a scene with a texture, and the state that it draws.
+fn with_texture() -> (RenderThreadFixture, Arc<LoadedState>) {
+    let mut stage = RenderThreadFixture::new();
+    let before = Arc::clone(&stage.thread.states.back().expect("a state").state);
+    let state = with_effects(&before, LightEffects::NONE);
+    stage.thread.building = Some(textured(&stage.thread.gpu));
+    finish(&mut stage.thread, Arc::clone(&state));
+    stage.draw(0.5, OutputMode::Normal);
+    (stage, state)
+}
+
+#[test]
+fn memory_that_runs_out_where_two_scenes_are_held_costs_no_level_of_textures() {
+    let run_out = |stage: &RenderThreadFixture| {
+        stage.thread.gpu.give_up(GpuFaultKind::OutOfMemory, "it is full, for a test");
+    };
+    let left_out = |stage: &mut RenderThreadFixture| {
+        let fault = stage.thread.gpu.first_fault().expect("a fault");
+        stage.thread.recover(&fault).expect("opened again");
+        stage.thread.losses.levels_left_out
+    };
+    let (mut stage, _) = with_texture();
+    run_out(&stage);
+    assert_eq!(left_out(&mut stage), 1, "the scene is alone");
+
+    let (mut stage, state) = with_texture();
+    stage.thread.building = Some(textured(&stage.thread.gpu));
+    finish(&mut stage.thread, with_effects(&state, LightEffects::NONE));
+    run_out(&stage);
+    assert_eq!(left_out(&mut stage), 0, "the next one waits for other servers");
+
+    let (mut stage, state) = with_texture();
+    let scene = textured(&stage.thread.gpu).finish(&stage.thread.gpu).expect("a scene");
+    run_out(&stage);
+    let next = with_effects(&state, LightEffects::NONE);
+    let completed = stage.thread.complete(next, Rc::new(scene), true);
+    completed.expect_err("the next one is drawn once, which fails");
+    assert_eq!(left_out(&mut stage), 0, "it was the last step");
+    assert!(!stage.thread.is_completing);
 }
