@@ -37,7 +37,7 @@ use crate::bulk::BulkJob;
 use crate::correction::{self, CorrectionPlans};
 use crate::render_event::RenderEvent;
 use host_memory::HostMemory;
-use ready_scene::ReadyScene;
+use ready_scene::{ReadyScene, SceneOfState};
 pub(crate) use surroundings::LoadedEnvironment;
 
 /// Orders that wait for the loader; the manager sends one change at a time.
@@ -85,11 +85,11 @@ impl LoadedState {
 /// Work for the render thread, done between frames.
 #[derive(Debug)]
 pub(crate) enum Upload {
-    /// A new scene begins; what it has in common with the one that was finished last is there
-    /// already, if so said. Of a scene within a budget it may be a part. States that no frame names
-    /// any more make room for it.
+    /// A new scene begins; what it has in common with the latest one that is held is there already,
+    /// if so said. Of a scene within a budget it may be a part. States that no frame names any more
+    /// make room for it.
     Begin { layout: Arc<SceneLayout>, shares: bool, is_part: bool, shown: ShownState },
-    /// The scene that was finished last is laid out otherwise, but for what was moved since.
+    /// The latest scene that is held is laid out otherwise, but for what was moved since.
     Relayout { layout: Arc<SceneLayout>, moved: Option<Arc<MovedItems>> },
     /// A texture of it.
     Texture { index: usize, bytes: Bytes },
@@ -115,6 +115,11 @@ impl ShownState {
     /// one may be on the displays.
     pub fn allows(self, epoch: Epoch, revision: Revision) -> bool {
         epoch != self.epoch || revision <= self.revision
+    }
+
+    /// Returns whether it is this state.
+    pub fn is(self, epoch: Epoch, revision: Revision) -> bool {
+        (epoch, revision) == (self.epoch, self.revision)
     }
 }
 
@@ -144,11 +149,15 @@ pub(crate) struct Loader {
     ready_losses: u64,
     /// Those that this server drives.
     channels: Vec<String>,
-    /// The state that was made ready last; the render thread still holds its scene.
+    /// The state that was made ready last; the render thread may hold its scene no more.
     ready: Option<(Epoch, Replica)>,
     shown: ShownState,
     ready_plans: Option<(Wall, Arc<CorrectionPlans>)>,
-    ready_scene: Option<ReadyScene>,
+    /// The scene of the latest state that the render thread holds.
+    ready_scene: Option<SceneOfState>,
+    /// The scene of the state before that one, if frames still named it when that was ordered. It
+    /// is the latest again where that one makes room for the next.
+    shown_scene: Option<SceneOfState>,
     ready_environment: Option<LoadedEnvironment>,
     host_memory: HostMemory,
     /// The decoded files of the last wall: it changes in small things while it is adjusted.
@@ -177,6 +186,7 @@ impl Loader {
             shown: ShownState { epoch: Epoch(0), revision: Revision(0) },
             ready_plans: None,
             ready_scene: None,
+            shown_scene: None,
             ready_environment: None,
             host_memory: HostMemory::default(),
             ready_maps: BTreeMap::new(),
@@ -232,7 +242,7 @@ impl Loader {
         self.shown = ShownState { epoch, revision: prepare.shown };
         let losses = self.losses.load(Ordering::SeqCst);
         if std::mem::replace(&mut self.ready_losses, losses) != losses {
-            self.ready_scene = None;
+            (self.ready_scene, self.shown_scene) = (None, None);
         }
         let replica = self.fold(prepare)?;
         if let Some(fault) = replica.wall.as_ref().and_then(|wall| wall.fault()) {
@@ -272,8 +282,11 @@ impl Loader {
         let mut features = scene.as_ref().map_or_else(SceneFeatures::default, |of| of.features);
         features.environment = environment.is_some();
         let features = features.names().into_iter().map(Into::into).collect();
-        (self.ready_scene, self.ready_environment) = (scene, environment);
-        let detail_reach = self.ready_scene.as_ref().and_then(ReadyScene::detail_reach);
+        let detail_reach = scene.as_ref().and_then(ReadyScene::detail_reach);
+        let scene = scene.map(|scene| (epoch, revision, scene));
+        let before = std::mem::replace(&mut self.ready_scene, scene);
+        self.shown_scene = before.filter(|(epoch, of, _)| self.shown.is(*epoch, *of));
+        self.ready_environment = environment;
         Ok(Prepared { epoch, revision, digest, features, scene_bytes, detail_reach })
     }
 

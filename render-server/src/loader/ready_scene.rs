@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use polyptych_protocol::ids::Epoch;
+use polyptych_protocol::ids::{Epoch, Revision};
 use polyptych_protocol::state_log::{Replica, SceneRef};
 use polyptych_renderer::{ContentPlace, SceneLayout};
 use polyptych_scene::residency::SeenFrom;
@@ -15,7 +15,10 @@ use super::{Loader, LoaderLink, SceneVersion, Upload, moves};
 use crate::blob_sources::BlobOrder;
 use crate::frame_views;
 
-/// The scene that the render thread was given last.
+/// The scene of a state that was made ready.
+pub(super) type SceneOfState = (Epoch, Revision, ReadyScene);
+
+/// A scene that the render thread was given.
 #[derive(Clone, Debug)]
 pub(super) struct ReadyScene {
     pub version: SceneVersion,
@@ -58,7 +61,7 @@ impl Loader {
     ) -> Result<ReadyScene, String> {
         let version = SceneVersion { manifest: scene.manifest, edits: replica.edits.fingerprint() };
         let budget = replica.wall.as_ref().map(|wall| wall.budget).unwrap_or_default();
-        let ready = self.ready_scene.clone();
+        let ready = self.ready_scene.as_ref().map(|(_, _, ready)| ready.clone());
         let is_it = |of: &&ReadyScene| of.version.manifest == scene.manifest && of.budget == budget;
         let before = ready.as_ref().filter(is_it);
         let is_same = |of: &&ReadyScene| {
@@ -175,8 +178,9 @@ impl Loader {
         self.upload(Upload::Begin { layout: Arc::clone(layout), shares, is_part, shown })?;
         let is_gone = |(epoch, of): &(Epoch, Replica)| !shown.allows(*epoch, of.revision);
         if self.ready.as_ref().is_some_and(is_gone) {
-            // Should this one fail, the next must not build on it.
-            self.ready_scene = None;
+            // Should this one fail, the next builds on what the render thread still holds.
+            let shown_scene = self.shown_scene.clone();
+            self.ready_scene = shown_scene.filter(|(epoch, of, _)| shown.is(*epoch, *of));
         }
         let order = BlobOrder { bulk: &line.bulk, check: &|| self.check(line) };
         let host_bytes = ready.budget.host_bytes();

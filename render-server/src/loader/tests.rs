@@ -102,10 +102,19 @@ impl Stage {
 
     /// Orders a scene, behind these operations.
     fn open(&self, revision: u64, scene: &Scene, mut operations: Vec<Operation>) {
+        operations.push(self.opening(scene));
+        self.order_while(0, revision, operations);
+    }
+
+    /// The operation that opens a scene.
+    fn opening(&self, scene: &Scene) -> Operation {
         let manifest = self.cache.write(&polyptych_codec::encode(scene)).expect("written");
-        operations.push(Operation::OpenScene(SceneRef { name: "it".into(), manifest }));
-        let revision = Revision(revision);
-        let (base, shown) = (None, Revision(0));
+        Operation::OpenScene(SceneRef { name: "it".into(), manifest })
+    }
+
+    /// Orders the state that these operations lead to, while frames name a revision.
+    fn order_while(&self, shown: u64, revision: u64, operations: Vec<Operation>) {
+        let (base, shown, revision) = (None, Revision(shown), Revision(revision));
         let prepare = Prepare { epoch: Epoch(1), base, revision, shown, operations };
         self.orders.send(LoadOrder { prepare, line: self.line.clone() }).expect("taken");
     }
@@ -242,6 +251,36 @@ fn a_refused_scene_that_made_room_for_one_that_failed_is_brought_again() {
     drop((stage.orders, stage.line));
     thread.expect("a thread").join().expect("no panic");
     assert_eq!(stage.uploads.join().expect("no panic").begun, 3);
+}
+
+#[test]
+fn an_edit_behind_a_refused_scene_and_one_that_failed_builds_on_the_shown_scene() {
+    let mut stage = Stage::new();
+    let loader = stage.loader.take().expect("not run yet");
+    let thread = thread::Builder::new().name("loader".into()).spawn(|| loader.run());
+    let opening = |primitives| stage.opening(&stage.scene_of(primitives, 100));
+    let local = DAffine3::from_translation(DVec3::X);
+    let edits = vec![Edit::SetTransform { node: NodeId(3), local }];
+    let orders = [
+        (0, 1, vec![opening(1)]),
+        (1, 2, vec![opening(2)]),
+        // The second was refused and makes room for this one.
+        (1, FAILING.0, vec![opening(3)]),
+        (1, 100, vec![opening(1), Operation::EditScene(edits.into())]),
+    ];
+    for (shown, revision, operations) in orders {
+        stage.order_while(shown, revision, operations);
+        // One at a time: a newer one ends those before.
+        let RenderEvent::Status(status) = stage.reports.blocking_recv().expect("an answer") else {
+            panic!("a picture")
+        };
+        let is_ready = matches!(status, ServerMessage::Prepared(_));
+        assert_eq!(is_ready, revision != FAILING.0, "{status:?}");
+    }
+    drop((stage.orders, stage.line));
+    thread.expect("a thread").join().expect("no panic");
+    let uploads = stage.uploads.join().expect("no panic");
+    assert_eq!(uploads, Uploads { begun: 3, laid_out: 0, moved: vec![1] });
 }
 
 #[test]
