@@ -109,13 +109,13 @@ impl UvBoxes {
         let empty = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         let mut boxes = vec![[empty; 2]; parents.len()];
         let mut surfaces = vec![0; parents.len()];
-        let mut is_tiled = vec![[false; 2]; source.surfaces().len()];
+        let mut tiled: HashMap<u32, [bool; 2]> = HashMap::new();
         let mut box_of = HashMap::with_capacity(numbers.len());
         for (vertex, number) in numbers {
             let chart = root(&mut parents, number) as usize;
             box_of.insert(vertex, chart);
-            surfaces[chart] = source.surface_of(vertex) as usize;
-            let is_tiled = &mut is_tiled[surfaces[chart]];
+            surfaces[chart] = source.surface_of(vertex);
+            let is_tiled = tiled.entry(surfaces[chart]).or_default();
             for (set, uv) in source.uvs(vertex).into_iter().enumerate() {
                 let (low, high) = &mut boxes[chart][set];
                 (*low, *high) = (low.min(uv), high.max(uv));
@@ -124,7 +124,8 @@ impl UvBoxes {
             }
         }
         for (boxes, surface) in boxes.iter_mut().zip(surfaces) {
-            for (of, is_tiled) in boxes.iter_mut().zip(is_tiled[surface]) {
+            let is_tiled = tiled.get(&surface).copied().unwrap_or_default();
+            for (of, is_tiled) in boxes.iter_mut().zip(is_tiled) {
                 if is_tiled {
                     *of = (DVec2::NEG_INFINITY, DVec2::INFINITY);
                 }

@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 use foldhash::{HashMap, HashMapExt, HashSet};
 use glam::DVec3;
 use meshopt::{SimplifyOptions, SimplifyVertex};
+use polyptych_scene::VertexLayout;
 
 use super::appearance::{Change, VertexList};
 use super::chart;
@@ -229,9 +230,8 @@ impl<'a> Patch<'a> {
     /// differences far from 0.
     fn attributes(&self) -> (Vec<f32>, Vec<f32>) {
         let side = self.side();
-        let layouts = || self.source.surfaces().iter().map(|surface| surface.layout);
-        let sets = [layouts().any(|of| of.uv0), layouts().any(|of| of.uv1)];
-        let has_color = layouts().any(|of| of.color);
+        let VertexLayout { uv0, uv1, color: has_color, .. } = self.source.attributes();
+        let sets = [uv0, uv1];
         let mut weights = vec![NORMAL_WEIGHT; 3];
         weights.extend(sets.iter().filter(|is| **is).flat_map(|_| [1.0; 2]));
         weights.extend(has_color.then_some([COLOR_WEIGHT; 4]).into_iter().flatten());

@@ -3,6 +3,7 @@
 use foldhash::{HashMap, HashMapExt};
 use glam::{DVec2, DVec3, DVec4};
 use meshopt::VertexDataAdapter;
+use polyptych_scene::VertexLayout;
 
 use super::clustering::MovedVertex;
 use super::surface::{Surface, VertexRow, uv_places};
@@ -15,12 +16,17 @@ const TANGENT_COSINE_MIN: f64 = 0.5;
 #[derive(Clone, Debug)]
 pub(super) struct Source<'a> {
     surfaces: &'a [Surface<'a>],
+    /// The attributes that any of them has.
+    attributes: VertexLayout,
     /// `true` for a part, which has none of the surfaces' own vertices in their place.
     is_part: bool,
-    /// Vertices behind those of each surface, as its blob holds them.
+    /// The surfaces that vertices may be of: all, or those of a part's vertices alone, since a mesh
+    /// may have a million.
+    numbers: Vec<u32>,
+    /// For each of `numbers`, the vertices behind the surface's own, as its blob holds them.
     added: Vec<Vec<f32>>,
-    /// The surface of each vertex.
-    surface_of: Vec<u32>,
+    /// The place of each vertex's surface in `numbers`.
+    list_of: Vec<u32>,
     /// The number of each vertex in its surface.
     row_of: Vec<u32>,
     /// The positions times a power of two, which makes the largest coordinate about 1: exact, and
@@ -33,14 +39,29 @@ pub(super) struct Source<'a> {
 impl<'a> Source<'a> {
     /// Looks at all surfaces of a mesh.
     pub fn new(surfaces: &'a [Surface<'a>]) -> Self {
-        let (mut surface_of, mut row_of) = (Vec::new(), Vec::new());
+        let (mut list_of, mut row_of) = (Vec::new(), Vec::new());
         for (number, surface) in (0..).zip(surfaces) {
             row_of.extend(0..surface.vertex_count() as u32);
-            surface_of.resize(row_of.len(), number);
+            list_of.resize(row_of.len(), number);
         }
-        let (scaled, welded, added) = (Vec::new(), Vec::new(), vec![Vec::new(); surfaces.len()]);
-        let is_part = false;
-        let mut source = Self { surfaces, is_part, added, surface_of, row_of, scaled, welded };
+        let any = |has: fn(&VertexLayout) -> bool| surfaces.iter().any(|of| has(&of.layout));
+        let attributes = VertexLayout {
+            tangent: any(|of| of.tangent),
+            uv0: any(|of| of.uv0),
+            uv1: any(|of| of.uv1),
+            color: any(|of| of.color),
+        };
+        let mut source = Self {
+            surfaces,
+            attributes,
+            is_part: false,
+            numbers: (0..surfaces.len() as u32).collect(),
+            added: vec![Vec::new(); surfaces.len()],
+            list_of,
+            row_of,
+            scaled: Vec::new(),
+            welded: Vec::new(),
+        };
         source.weld();
         source
     }
@@ -67,17 +88,26 @@ impl<'a> Source<'a> {
     pub fn part(&self, vertices: &[u32]) -> Self {
         let mut part = Self {
             surfaces: self.surfaces,
+            attributes: self.attributes,
             is_part: true,
-            added: vec![Vec::new(); self.surfaces.len()],
-            surface_of: vertices.iter().map(|vertex| self.surface_of(*vertex)).collect(),
+            numbers: Vec::new(),
+            added: Vec::new(),
+            list_of: Vec::with_capacity(vertices.len()),
             row_of: Vec::with_capacity(vertices.len()),
             scaled: vertices.iter().map(|vertex| self.scaled[*vertex as usize]).collect(),
             welded: Vec::with_capacity(vertices.len()),
         };
         let mut first_at = HashMap::with_capacity(vertices.len());
+        let mut list_at = HashMap::new();
         for (number, vertex) in (0..).zip(vertices) {
-            let row = self.row(*vertex);
-            let rows = &mut part.added[self.surface_of(*vertex) as usize];
+            let (row, surface) = (self.row(*vertex), self.surface_of(*vertex));
+            let list = *list_at.entry(surface).or_insert_with(|| {
+                part.numbers.push(surface);
+                part.added.push(Vec::new());
+                part.added.len() as u32 - 1
+            });
+            part.list_of.push(list);
+            let rows = &mut part.added[list as usize];
             part.row_of.push((rows.len() / row.floats.len()) as u32);
             rows.extend_from_slice(row.floats);
             let at = self.welded[*vertex as usize];
@@ -96,12 +126,12 @@ impl<'a> Source<'a> {
                 floats[at..at + 2].copy_from_slice(&uv.as_vec2().to_array());
             }
         }
-        let surface = self.surface_of(moved.from);
-        let own = self.own_vertices(surface as usize).len();
-        let rows = &mut self.added[surface as usize];
+        let list = self.list_of[moved.from as usize];
+        let own = self.own_vertices(self.surface_of(moved.from) as usize).len();
+        let rows = &mut self.added[list as usize];
         self.row_of.push(((own + rows.len()) / floats.len()) as u32);
         rows.extend(floats);
-        self.surface_of.push(surface);
+        self.list_of.push(list);
         self.scaled.push(self.scaled[moved.at as usize]);
         self.welded.push(self.welded[moved.at as usize]);
         self.vertex_count() as u32 - 1
@@ -109,10 +139,10 @@ impl<'a> Source<'a> {
 
     /// Returns the number of vertices.
     pub fn vertex_count(&self) -> usize {
-        self.surface_of.len()
+        self.list_of.len()
     }
 
-    /// Returns the vertices of a surface that only coarser levels have.
+    /// Returns the vertices of a surface that only coarser levels have, of a source of all.
     pub fn added_to(&self, surface: usize) -> &[f32] {
         &self.added[surface]
     }
@@ -120,6 +150,11 @@ impl<'a> Source<'a> {
     /// Returns the surfaces.
     pub fn surfaces(&self) -> &'a [Surface<'a>] {
         self.surfaces
+    }
+
+    /// Returns the attributes that any surface has.
+    pub fn attributes(&self) -> VertexLayout {
+        self.attributes
     }
 
     /// Returns whether the triangles of all levels are drawn in the order of the file, which then
@@ -157,7 +192,7 @@ impl<'a> Source<'a> {
 
     /// Returns the surface of a vertex.
     pub fn surface_of(&self, vertex: u32) -> u32 {
-        self.surface_of[vertex as usize]
+        self.numbers[self.list_of[vertex as usize] as usize]
     }
 
     fn row(&self, vertex: u32) -> VertexRow<'_> {
@@ -168,7 +203,10 @@ impl<'a> Source<'a> {
         let own = self.own_vertices(surface);
         let floats = match first.checked_sub(own.len()) {
             None => &own[first..first + stride],
-            Some(first) => &self.added[surface][first..first + stride],
+            Some(first) => {
+                let list = self.list_of[vertex as usize] as usize;
+                &self.added[list][first..first + stride]
+            }
         };
         VertexRow { layout, floats }
     }
@@ -218,4 +256,54 @@ impl<'a> Source<'a> {
 /// Returns positions as meshoptimizer takes them.
 pub(super) fn adapter(positions: &[[f32; 3]]) -> Option<VertexDataAdapter<'_>> {
     VertexDataAdapter::new(meshopt::typed_to_bytes(positions), size_of::<[f32; 3]>(), 0).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A part of few surfaces takes no memory for all others, and has their vertices.
+    #[test]
+    fn a_part_holds_only_the_surfaces_of_its_vertices() {
+        let layout = |at: usize| VertexLayout {
+            tangent: at.is_multiple_of(3),
+            uv0: at.is_multiple_of(2),
+            uv1: at.is_multiple_of(5),
+            color: at.is_multiple_of(7),
+        };
+        // Three vertices each, of which a number says where it stands.
+        let rows = |at: usize| -> Vec<f32> {
+            let stride = layout(at).stride() as usize / 4;
+            (0..3 * stride).map(|number| (1000 * at + number) as f32).collect()
+        };
+        let vertices: Vec<Vec<f32>> = (0..500).map(rows).collect();
+        let mut surfaces = Vec::new();
+        for (at, vertices) in vertices.iter().enumerate() {
+            surfaces.push(Surface {
+                layout: layout(at),
+                vertices,
+                indices: &[0, 1, 2],
+                keeps_order: false,
+                locked: &[],
+            });
+        }
+        let source = Source::new(&surfaces);
+        let all = VertexLayout { tangent: true, uv0: true, uv1: true, color: true };
+        assert_eq!(source.attributes(), all);
+        // Of surfaces 210, 7, 210 again, and 11.
+        let chosen = [632, 21, 630, 35];
+        let mut part = source.part(&chosen);
+        assert_eq!((part.added.len(), part.numbers.len()), (3, 3));
+        let is_same = |own: u32, vertex: u32| {
+            assert_eq!(part.surface_of(own), source.surface_of(vertex));
+            assert_eq!(part.row(own).floats, source.row(vertex).floats);
+            assert_eq!(part.row(own).layout, source.row(vertex).layout);
+        };
+        (0..).zip(chosen).for_each(|(own, vertex)| is_same(own, vertex));
+        let uvs = [DVec2::new(0.5, 0.25), DVec2::new(2.0, 4.0)];
+        let added = part.add(&MovedVertex { from: 2, at: 1, uvs });
+        assert_eq!((added, part.surface_of(added)), (4, 210));
+        assert_eq!(part.position(added), source.position(21));
+        assert_eq!((part.uvs(added), part.color(added)), (uvs, source.color(630)));
+    }
 }
