@@ -1,5 +1,5 @@
 //! The distances by which textures and colours slide and the angles by which normals turn: sampled
-//! at vertices that are removed.
+//! at vertices that are removed, and at those that are added.
 //!
 //! A texture slides by the distance between a point and the one of the other surface that has the
 //! same texture coordinates: the texture deviation of J. Cohen, M. Olano, D. Manocha,
@@ -13,8 +13,13 @@
 //! A colour that is off by a share of all that a component can be counts as a slide over a quarter
 //! as large a share of the surface's width.
 //!
-//! Only vertices that are removed are measured. Between vertices, position and texture coordinates
-//! are linear on both surfaces, so that the largest slide nearly is at one; this is not proven.
+//! A vertex that only the coarser surface has is measured the other way, to the finer one, wherever
+//! that fits best: parts grow together on which a texture goes on. Beyond the border of a surface
+//! it goes on as well, so there the distances in space and on the textures do not add up: the
+//! larger one counts, up to the length of the chart.
+//!
+//! Only these vertices are measured. Between vertices, position and texture coordinates are linear
+//! on both surfaces, so that the largest slide nearly is at one; this is not proven.
 
 use std::collections::BTreeMap;
 
@@ -37,6 +42,16 @@ pub(super) struct VertexList {
     normals: Vec<DVec3>,
     /// `true` for a vertex with a colour of a palette, whose slide is no length.
     palettes: Vec<bool>,
+}
+
+/// A point of a triangle that looks nearly as a vertex.
+struct Fit {
+    /// From the vertex, in space, on the textures and in colour.
+    distance: f64,
+    triangle: u32,
+    corners: [u32; 3],
+    /// Those of the corners in the point.
+    shares: [f64; 3],
 }
 
 /// The largest changes at any vertex.
@@ -140,24 +155,9 @@ impl VertexList {
             let is_drawn = !self.palettes[index as usize]
                 && near_corners.iter().all(|corner| charts.of(*corner) == chart);
             let slide_max = if is_drawn { charts.length(index) } else { charts.width(index) };
-            let point = self.points[index as usize];
-            let fit = |triangle: u32| {
-                let first = triangle as usize * 3;
-                let corners = [after[first], after[first + 1], after[first + 2]];
-                let points = corners.map(|corner| self.points[corner as usize]);
-                let shares = shares_of_nearest(point, &points);
-                (point.distance(SurfacePoint::mix(&points, shares)), corners, shares)
-            };
-            let mut best = fit(near);
-            after_set.visit_within(point.position, best.0.min(slide_max), |triangle| {
-                let other = fit(triangle);
-                if other.0 < best.0 {
-                    best = other;
-                }
-                best.0.min(slide_max)
-            });
-            let (slide, corners, shares) = best;
-            let normals = corners.iter().zip(shares);
+            let fit = self.best_fit(index, (after, after_set), near, slide_max);
+            let slide = fit.distance;
+            let normals = fit.corners.iter().zip(fit.shares);
             let normal: DVec3 = normals.map(|(at, share)| self.normals[*at as usize] * share).sum();
             let cosine = normal.normalize_or_zero().dot(self.normals[index as usize]);
             if is_drawn || slide < slide_max {
@@ -168,6 +168,70 @@ impl VertexList {
             }
             change.normal_angle = change.normal_angle.max(cosine.clamp(-1.0, 1.0).acos());
         }
+    }
+
+    /// Adds the slide at vertices that `after` uses and `before` does not: coordinates that go on
+    /// from where a corner came may be those of another place. `set` and `charts` are those of
+    /// `before`.
+    pub fn change_of_added(
+        &self,
+        (before, set): (&[u32], &TriangleSet),
+        after: &[u32],
+        charts: &Charts,
+        change: &mut Change,
+    ) {
+        let mut is_known = vec![false; self.points.len()];
+        for index in before {
+            is_known[*index as usize] = true;
+        }
+        // Neighbours in the list are neighbours in space.
+        let mut guess = 0;
+        for &index in after {
+            // Each once.
+            if std::mem::replace(&mut is_known[index as usize], true) {
+                continue;
+            }
+            let fit = self.best_fit(index, (before, set), guess, f64::INFINITY);
+            let near = SurfacePoint::mix(&self.corner_points(fit.corners), fit.shares);
+            let apart = near.position.distance(self.points[index as usize].position);
+            let looks = (fit.distance * fit.distance - apart * apart).max(0.0).sqrt();
+            let slide = apart.max(looks).min(charts.length(fit.corners[0]));
+            change.slide = change.slide.max(slide);
+            guess = fit.triangle;
+        }
+    }
+
+    /// Returns the point of triangles that a vertex fits best, in space, on the textures and in
+    /// colour, if it is nearer than `limit`; else one of the triangle `guess`, or a nearer one.
+    fn best_fit(
+        &self,
+        index: u32,
+        (triangles, set): (&[u32], &TriangleSet),
+        guess: u32,
+        limit: f64,
+    ) -> Fit {
+        let point = self.points[index as usize];
+        let fit = |triangle: u32| {
+            let first = triangle as usize * 3;
+            let corners = [triangles[first], triangles[first + 1], triangles[first + 2]];
+            let points = self.corner_points(corners);
+            let shares = shares_of_nearest(point, &points);
+            let distance = point.distance(SurfacePoint::mix(&points, shares));
+            Fit { distance, triangle, corners, shares }
+        };
+        let mut best = fit(guess);
+        set.visit_within(point.position, best.distance.min(limit), |triangle| {
+            let other = fit(triangle);
+            if other.distance < best.distance {
+                best = other;
+            }
+            best.distance.min(limit)
+        });
+        best
+    }
+
+    fn corner_points(&self, corners: [u32; 3]) -> [SurfacePoint; 3] {
+        corners.map(|corner| self.points[corner as usize])
     }
 }
 

@@ -308,6 +308,8 @@ impl<'a> Patch<'a> {
             let nearest = |index: u32| to_new[&self.welded[index as usize]];
             let lists = (&kept[..], &after[..]);
             self.looks.change(lists, &reference.charts, &new_set, nearest, &mut looks);
+            let before = (&before.indices[..], &before.set);
+            self.looks.change_of_added(before, &after, &reference.charts, &mut looks);
         }
         let reach = points.iter().map(|point| point.abs().max_element()).fold(0.0, f64::max);
         // Positions are no more exact than this themselves, so a smaller error has no meaning.

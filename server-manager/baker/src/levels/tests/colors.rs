@@ -221,6 +221,50 @@ fn a_texture_of_a_long_strip_slides_by_its_own_length() {
     }
 }
 
+/// The places of the nodes of a strip, from 0 on: segments of 10 m and of 1 m in turn, on each of
+/// which one unit of a texture is drawn.
+fn uneven_nodes() -> Vec<f64> {
+    let mut nodes = vec![0.0];
+    let mut x = 0.0;
+    for segment in 0..39 {
+        x += if segment % 2 == 0 { 10.0 } else { 1.0 };
+        nodes.push(x);
+    }
+    nodes
+}
+
+/// Vertices that move take texture coordinates along that may be those of another place. What is
+/// stated counts by half of what is off at least, as along a road.
+#[test]
+fn corners_that_move_along_a_strip_state_how_far_its_texture_slides() {
+    let nodes = uneven_nodes();
+    let mut strip = Shape::new("strip");
+    for (node, x) in (0_u32..).zip(&nodes) {
+        for v in [0.0, 1.0] {
+            strip.vertex(DVec3::new(*x, 2.0 * v, 0.0), DVec2::new(node.into(), v));
+        }
+    }
+    for at in (0..39).map(|segment| 2 * segment) {
+        strip.indices.extend([at, at + 2, at + 1, at + 2, at + 3, at + 1]);
+    }
+    // A mesh of several surfaces is contracted, whatever connects it.
+    let quad = Shape::new("quad").all([1, 1], |u, v| DVec3::new(10.0 * u, 10.0 + 10.0 * v, 0.0));
+    let surfaces = [strip.surface(), quad.surface()];
+    let levels = build(&surfaces, &AtomicBool::new(false)).expect("not cancelled");
+    let levels = levels.into_iter().next().flatten().expect("levels of the strip");
+    assert!(levels.facts.errors.len() > 1, "{:?}", levels.facts);
+    for error in levels.facts.errors.iter().map(|error| *error as f32) {
+        let drawn = Drawn::within(&strip, &levels, error);
+        for (corner, place) in drawn.indices.iter().zip(drawn.points()) {
+            let u = f64::from(drawn.vertices[*corner as usize * 8 + 6]);
+            let node = nodes.iter().position(|x| (x - place.x).abs() < 1e-3).expect("a node");
+            // A unit is at least 1 m long.
+            let way = (u - node as f64).abs();
+            assert!(way <= 2.0 * drawn.error + 1e-3, "{way} m for {} m at {place}", drawn.error);
+        }
+    }
+}
+
 /// Units of both coordinates have a length each.
 #[test]
 fn units_along_a_strip_are_longer_than_across_it() {
