@@ -10,7 +10,8 @@ use super::source::Source;
 use super::triangle_set::SurfacePoint;
 
 /// The charts of triangles. These are of one chart if they are of one surface and have a point with
-/// the same place in space and on the textures, and the same colour.
+/// the same place in space and on the textures, and the same colour. A point without a triangle, as
+/// a vertex that only a coarser level has, is of the chart of the one that it came from.
 #[derive(Debug)]
 pub(super) struct Charts {
     /// The point that stands for the chart of each point.
@@ -20,8 +21,14 @@ pub(super) struct Charts {
 }
 
 impl Charts {
-    /// The charts of triangles over these points.
-    pub fn new(points: &[SurfacePoint], surface_of: impl Fn(u32) -> u32, indices: &[u32]) -> Self {
+    /// The charts of triangles over these points. `origin_of` is the point that one without a
+    /// triangle came from, or itself.
+    pub fn new(
+        points: &[SurfacePoint],
+        surface_of: impl Fn(u32) -> u32,
+        indices: &[u32],
+        origin_of: impl Fn(u32) -> u32,
+    ) -> Self {
         let mut first_at = HashMap::new();
         let bits = |at: u32, point: &SurfacePoint| {
             let looks = point.looks.map(|look| look.to_array().map(f64::to_bits));
@@ -35,13 +42,22 @@ impl Charts {
         for corners in indices.as_chunks::<3>().0 {
             join(&mut parents, *corners);
         }
+        let mut has_triangle = vec![false; points.len()];
         let mut charts: HashMap<u32, Vec<DVec3>> = HashMap::new();
         for &index in indices {
+            has_triangle[index as usize] = true;
             let chart = charts.entry(root(&mut parents, index)).or_default();
             chart.push(points[index as usize].position);
         }
         let part = |(at, chart): (u32, Vec<DVec3>)| (at, PartPoints::of_chart(chart));
         let parts = charts.into_iter().map(part).collect();
+        for at in (0..points.len() as u32).filter(|at| !has_triangle[*at as usize]) {
+            // One that looks as another is of its chart already.
+            if parents[at as usize] == at {
+                let origin = root(&mut parents, origin_of(at));
+                parents[at as usize] = origin;
+            }
+        }
         let chart_of = (0..points.len() as u32).map(|at| root(&mut parents, at)).collect();
         Self { chart_of, parts }
     }
@@ -200,7 +216,7 @@ mod tests {
         let points = points.map(|at| point(at, at[0]));
         let beyond = [[4.0, 0.0], [5.0, 0.5], [6.5, 0.0]].map(|at| point(at, at[0] + 9.0));
         let all: Vec<SurfacePoint> = points.into_iter().chain(beyond).collect();
-        let charts = Charts::new(&all, |_| 0, &[0, 1, 2, 3, 4, 5, 6, 7, 8]);
+        let charts = Charts::new(&all, |_| 0, &[0, 1, 2, 3, 4, 5, 6, 7, 8], |at| at);
         let widths: Vec<f64> = (0..9).map(|point| charts.width(point)).collect();
         let (own, beyond) = widths.split_at(6);
         assert!(own.iter().all(|width| *width == own[0] && (0.66..=1.0).contains(width)));

@@ -70,6 +70,9 @@ pub(super) struct MovedVertex {
     /// The vertex in whose place it stands.
     pub at: u32,
     pub uvs: [DVec2; 2],
+    /// The vertex of whose chart it is: the one that has moved, or `from` if that has another
+    /// colour.
+    pub origin: u32,
 }
 
 /// Returns the triangles of a surface of many parts with about half of their number, or `None` if
@@ -343,12 +346,13 @@ impl<'a> Corners<'a> {
                 && faces_alike(other.from)
                 && colors.into_iter().all(|(one, two)| (one - two).abs() <= COLOR_STEP)
         };
+        let origin = if self.color_way(corner, from) > 0.0 { from } else { corner };
         let known = self.added.entry((place, surface)).or_default();
         if let Some((vertex, _)) = known.iter().find(|(_, other)| is_alike(other)) {
             return *vertex;
         }
         let vertex = (source.vertex_count() + added.len()) as u32;
-        let moved = MovedVertex { from, at: place, uvs };
+        let moved = MovedVertex { from, at: place, uvs, origin };
         known.push((vertex, moved));
         added.push(moved);
         vertex

@@ -327,12 +327,17 @@ impl<'a> Patch<'a> {
             ReferenceSurface { indices, triangles, set }
         };
         let surfaces = by_surface(&self.indices, |index| self.surface_of(index));
+        let origin_of = |index: u32| {
+            let origin = self.source.origin(self.vertices[index as usize]);
+            self.vertices.binary_search(&origin).map_or(index, |at| at as u32)
+        };
         Reference {
             surfaces: surfaces.into_iter().map(|(at, own)| (at, of_surface(own))).collect(),
             charts: chart::Charts::new(
                 self.looks.points(),
                 |index| self.surface_of(index),
                 &self.indices,
+                origin_of,
             ),
             parts: self.connected(&self.indices),
         }

@@ -32,7 +32,9 @@ impl Simplified {
         };
         self.indices.iter_mut().for_each(|index| *index = number(*index));
         for vertex in &mut self.added {
-            (vertex.from, vertex.at) = (number(vertex.from), number(vertex.at));
+            for of in [&mut vertex.from, &mut vertex.at, &mut vertex.origin] {
+                *of = number(*of);
+            }
         }
     }
 }

@@ -34,6 +34,8 @@ pub(super) struct Source<'a> {
     pub scaled: Vec<[f32; 3]>,
     /// The first vertex at the position of each.
     pub welded: Vec<u32>,
+    /// See [`Self::origin`], of those that only coarser levels have.
+    origins: HashMap<u32, u32>,
 }
 
 impl<'a> Source<'a> {
@@ -61,6 +63,7 @@ impl<'a> Source<'a> {
             row_of,
             scaled: Vec::new(),
             welded: Vec::new(),
+            origins: HashMap::new(),
         };
         source.weld();
         source
@@ -84,7 +87,7 @@ impl<'a> Source<'a> {
         self.welded = vertices.map(weld).collect();
     }
 
-    /// Returns these vertices alone, numbered in the order of the list.
+    /// Returns these vertices alone, numbered in the order of the list, which rises.
     pub fn part(&self, vertices: &[u32]) -> Self {
         let mut part = Self {
             surfaces: self.surfaces,
@@ -96,6 +99,7 @@ impl<'a> Source<'a> {
             row_of: Vec::with_capacity(vertices.len()),
             scaled: vertices.iter().map(|vertex| self.scaled[*vertex as usize]).collect(),
             welded: Vec::with_capacity(vertices.len()),
+            origins: HashMap::new(),
         };
         let mut first_at = HashMap::with_capacity(vertices.len());
         let mut list_at = HashMap::new();
@@ -112,6 +116,10 @@ impl<'a> Source<'a> {
             rows.extend_from_slice(row.floats);
             let at = self.welded[*vertex as usize];
             part.welded.push(*first_at.entry(at).or_insert(number));
+            let origin = self.origins.get(vertex).map(|origin| vertices.binary_search(origin));
+            if let Some(Ok(origin)) = origin {
+                part.origins.insert(number, origin as u32);
+            }
         }
         part
     }
@@ -134,7 +142,15 @@ impl<'a> Source<'a> {
         self.list_of.push(list);
         self.scaled.push(self.scaled[moved.at as usize]);
         self.welded.push(self.welded[moved.at as usize]);
-        self.vertex_count() as u32 - 1
+        let number = self.vertex_count() as u32 - 1;
+        self.origins.insert(number, self.origin(moved.origin));
+        number
+    }
+
+    /// Returns the vertex of the finest level of whose chart a vertex is; itself, if it is of that
+    /// level, or a part has not that vertex.
+    pub fn origin(&self, vertex: u32) -> u32 {
+        self.origins.get(&vertex).copied().unwrap_or(vertex)
     }
 
     /// Returns the number of vertices.
@@ -290,8 +306,8 @@ mod tests {
         let source = Source::new(&surfaces);
         let all = VertexLayout { tangent: true, uv0: true, uv1: true, color: true };
         assert_eq!(source.attributes(), all);
-        // Of surfaces 210, 7, 210 again, and 11.
-        let chosen = [632, 21, 630, 35];
+        // One of surface 7 and 11 each, and two of surface 210.
+        let chosen = [21, 35, 630, 632];
         let mut part = source.part(&chosen);
         assert_eq!((part.added.len(), part.numbers.len()), (3, 3));
         let is_same = |own: u32, vertex: u32| {
@@ -301,7 +317,8 @@ mod tests {
         };
         (0..).zip(chosen).for_each(|(own, vertex)| is_same(own, vertex));
         let uvs = [DVec2::new(0.5, 0.25), DVec2::new(2.0, 4.0)];
-        let added = part.add(&MovedVertex { from: 2, at: 1, uvs });
+        let added = part.add(&MovedVertex { from: 2, at: 0, uvs, origin: 3 });
+        assert_eq!((part.origin(added), part.origin(3)), (3, 3));
         assert_eq!((added, part.surface_of(added)), (4, 210));
         assert_eq!(part.position(added), source.position(21));
         assert_eq!((part.uvs(added), part.color(added)), (uvs, source.color(630)));

@@ -8,6 +8,9 @@ use polyptych_scene::VertexLayout;
 use super::Drawn;
 use super::shapes::Shape;
 use crate::levels::appearance::UvLengths;
+use crate::levels::clustering::MovedVertex;
+use crate::levels::patch::Patch;
+use crate::levels::source::Source;
 use crate::levels::{Levels, Surface, build};
 
 const LAYOUT: VertexLayout = VertexLayout { tangent: false, uv0: false, uv1: false, color: true };
@@ -219,6 +222,33 @@ fn a_texture_of_a_long_strip_slides_by_its_own_length() {
         let way = ways.fold(0.0, f64::max);
         assert!(way <= 2.0 * drawn.error + 1e-3, "{way} m for an error of {} m", drawn.error);
     }
+}
+
+/// What lies on a triangle with a vertex that only a coarser level has is drawn there, if that
+/// came from the same chart: it slides along a marking by more than that is wide.
+#[test]
+fn a_texture_beside_an_added_vertex_slides_by_its_own_length() {
+    let mut marking = Shape::new("marking");
+    for (u, x) in [(0.0, 0.0), (1.0, 100.0), (2.0, 300.0)] {
+        for v in [0.0, 1.0] {
+            marking.vertex(DVec3::new(x, 0.05 * v, 0.0), DVec2::new(u, v));
+        }
+    }
+    for at in [0, 2] {
+        marking.indices.extend([at, at + 2, at + 1, at + 2, at + 3, at + 1]);
+    }
+    let surfaces = [marking.surface()];
+    let mut source = Source::new(&surfaces);
+    let [low, high] = [4, 5].map(|end| {
+        let [uv, other] = source.uvs(end);
+        let uvs = [uv + DVec2::new(0.01, 0.0), other];
+        source.add(&MovedVertex { from: end, at: end, uvs, origin: end })
+    });
+    let after = [0, low, 1, low, high, 1];
+    let patch = Patch::new(&source, &after, &marking.indices);
+    let simplified = patch.measured(patch.current(), (0.0, f64::INFINITY)).expect("measured");
+    // What stood at 100 m stands at 149 m now, and counts in space and on the texture at once.
+    assert!(simplified.error > 30.0, "{} m", simplified.error);
 }
 
 /// The places of the nodes of a strip, from 0 on: segments of 10 m and of 1 m in turn, on each of
