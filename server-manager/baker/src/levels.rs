@@ -15,7 +15,8 @@
 //! What is one body covers about as much at each of its levels, seen from all around: [`coverage`].
 //!
 //! All surfaces of a mesh are simplified together, so that they meet without a crack at any level.
-//! Borders between parts that are replaced on their own stay as they are.
+//! Borders between parts that are replaced on their own stay as they are: so do those of surfaces
+//! of which all are drawn in their order, where each has levels of its own.
 
 mod appearance;
 mod chart;
@@ -40,8 +41,10 @@ mod width;
 
 use std::sync::atomic::AtomicBool;
 
+use foldhash::{HashMap, HashMapExt};
 use glam::DVec3;
 use polyptych_scene::meshlet::Meshlet;
+use rayon::prelude::*;
 
 use super::BakedLevel;
 use super::error::BakeError;
@@ -101,12 +104,49 @@ impl LevelFacts {
     }
 }
 
-/// Makes the levels of the surfaces of a mesh, which are replaced together; `None` for one that is
-/// always drawn whole.
+/// Makes the levels of the surfaces of a mesh, which are replaced together, or each by itself if
+/// all are drawn in their order; `None` for one that is always drawn whole.
 ///
 /// # Errors
 /// [`BakeError::Cancelled`].
 pub(super) fn build(
+    surfaces: &[Surface<'_>],
+    cancel: &AtomicBool,
+) -> Result<Vec<Option<Levels>>, BakeError> {
+    if surfaces.len() > 1 && surfaces.iter().all(|surface| surface.keeps_order) {
+        build_each(surfaces, cancel)
+    } else {
+        build_together(surfaces, cancel)
+    }
+}
+
+/// Makes the levels of each surface by itself, see [`build`]. Positions that several of them have
+/// stay in all levels, so that they meet: the pieces of a large blended primitive do.
+fn build_each(
+    surfaces: &[Surface<'_>],
+    cancel: &AtomicBool,
+) -> Result<Vec<Option<Levels>>, BakeError> {
+    // The one surface at each position; `None` where several are.
+    let mut only_at = HashMap::new();
+    for (number, surface) in surfaces.iter().enumerate() {
+        for position in surface.position_bits() {
+            let only = only_at.entry(position).or_insert(Some(number));
+            *only = only.filter(|only| *only == number);
+        }
+    }
+    let levels = |surface: &Surface<'_>| {
+        let vertices = (0..).zip(surface.position_bits());
+        let shared = vertices.filter(|(_, position)| only_at.get(position) == Some(&None));
+        let shared = shared.map(|(vertex, _)| vertex);
+        let locked: Vec<u32> = shared.chain(surface.locked.iter().copied()).collect();
+        let mut surface = *surface;
+        surface.locked = &locked;
+        Ok(build_together(&[surface], cancel)?.pop().flatten())
+    };
+    surfaces.par_iter().map(levels).collect()
+}
+
+fn build_together(
     surfaces: &[Surface<'_>],
     cancel: &AtomicBool,
 ) -> Result<Vec<Option<Levels>>, BakeError> {

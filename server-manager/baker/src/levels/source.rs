@@ -174,7 +174,8 @@ impl<'a> Source<'a> {
     }
 
     /// Returns whether the triangles of all levels are drawn in the order of the file, which then
-    /// are those of one surface. A surface of several that is drawn so has no coarser levels.
+    /// are those of one surface. A surface that is drawn so beside others that are not has no
+    /// coarser levels.
     pub fn keeps_order(&self) -> bool {
         matches!(self.surfaces, [surface] if surface.keeps_order)
     }

@@ -24,6 +24,12 @@ impl Surface<'_> {
         self.vertices.len() / self.stride()
     }
 
+    /// Gives the bits of each vertex's position, those of 0 for -0.
+    pub fn position_bits(&self) -> impl Iterator<Item = [u32; 3]> {
+        let rows = self.vertices.chunks_exact(self.stride());
+        rows.map(|row| [row[0], row[1], row[2]].map(|number| (number + 0.0).to_bits()))
+    }
+
     fn stride(&self) -> usize {
         self.layout.stride() as usize / 4
     }

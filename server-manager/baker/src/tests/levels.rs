@@ -184,15 +184,17 @@ fn cuts_are_whole_surfaces_that_meet_between_primitives() {
     }
 }
 
+/// The points of triangles where the halves of the sheet meet.
+fn seam(triangles: &[[DVec3; 3]]) -> BTreeSet<[u64; 3]> {
+    let points = triangles.iter().flatten().filter(|point| point.x == 20.0);
+    points.map(|point| point.to_array().map(f64::to_bits)).collect()
+}
+
 #[test]
 fn primitives_of_a_mesh_meet_at_every_level() {
     let (place, baked, scene) = bake_builder(&halves());
     assert!(baked.levels.len() > 3, "{:?}", baked.levels);
     let [one, two] = [0, 1].map(|at| BlobLevels::read(&place, &scene.meshes[0].primitives[at]));
-    let seam = |triangles: &[[DVec3; 3]]| -> BTreeSet<[u64; 3]> {
-        let points = triangles.iter().flatten().filter(|point| point.x == 20.0);
-        points.map(|point| point.to_array().map(f64::to_bits)).collect()
-    };
     let finest = seam(&one.drawn(0.0));
     assert_eq!(finest.len(), 41);
     let mut errors = [one.errors(), two.errors()].concat();
@@ -369,6 +371,26 @@ fn blended_primitives_keep_their_order() {
     for (triangle, (column, row)) in drawn.iter().zip(expected) {
         let least = triangle.iter().fold(DVec3::INFINITY, |low, point| low.min(*point));
         assert_eq!((least.x, least.y), (column, row));
+    }
+}
+
+/// The pieces of a large blended primitive have levels too, each its own.
+#[test]
+fn blended_primitives_of_a_mesh_meet_at_every_level() {
+    let mut builder = halves();
+    builder.json["materials"] = json!([{ "alphaMode": "BLEND" }]);
+    for half in 0..2_usize {
+        builder.json["meshes"][0]["primitives"][half]["material"] = json!(0);
+    }
+    let (place, baked, scene) = bake_builder(&builder);
+    assert!(baked.levels.len() > 1, "{:?}", baked.levels);
+    let [one, two] = [0, 1].map(|at| BlobLevels::read(&place, &scene.meshes[0].primitives[at]));
+    assert!(!one.errors().is_empty() && !two.errors().is_empty(), "both have coarser levels");
+    for limit in [one.errors(), two.errors()].concat() {
+        let [left, right] = [one.drawn(limit), two.drawn(limit)];
+        assert!(left.len() + right.len() < 3200, "{} and {}", left.len(), right.len());
+        assert_eq!(seam(&left), seam(&right), "at {limit}");
+        assert_eq!(seam(&left).len(), 41, "at {limit}");
     }
 }
 
