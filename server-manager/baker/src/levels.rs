@@ -77,8 +77,8 @@ pub(super) struct LevelFacts {
     pub triangles: Vec<u64>,
     /// The largest error of each level, in units of the primitive's space times a scale.
     pub errors: Vec<f64>,
-    /// The largest angle by which a normal differs at a removed vertex, in radians; the sum of steps
-    /// where errors are, π at most.
+    /// The largest angle by which a normal differs at a removed vertex, in radians; the sum of
+    /// steps where errors are, π at most.
     pub normal_angle: f64,
 }
 
