@@ -71,7 +71,8 @@ impl Meshes {
         let one = |(number, used): (u32, &MeshUse)| {
             let (bent, mesh) = (self.bent.get(used.bent? as usize)?, *mesh_of.get(&number)?);
             let is_drawn = meshes.get(mesh as usize).is_some_and(|of| !of.primitives.is_empty());
-            let weights_of = animated.get(&bent.file_node).copied();
+            let animated = animated.get(&bent.file_node).copied();
+            let weights_of = animated.filter(|_| !bent.keeps_weights);
             is_drawn.then(|| bent.deformation(mesh, weights_of))
         };
         (0..).zip(&self.uses).filter_map(one).collect()

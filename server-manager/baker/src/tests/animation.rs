@@ -331,6 +331,18 @@ fn a_skinned_mesh_with_targets_that_no_clip_weighs_is_bent_by_its_skin() {
 }
 
 #[test]
+fn a_skin_that_only_edits_bend_keeps_its_weights_where_a_clip_moves_its_node() {
+    let mut builder = bar([0.0; 3]);
+    let target = builder.floats("VEC3", &[1.0; 12]);
+    builder.json["meshes"][0]["primitives"][0]["targets"] = json!([{ "POSITION": target }]);
+    builder.json["animations"][0]["channels"] =
+        json!([{ "sampler": 1, "target": { "node": 0, "path": "translation" } }]);
+    let (place, baked, scene) = bake_builder(&builder);
+    assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+    assert_same(&drawn_at(&place, &scene, 0, 1.3), &bar_at([0.0; 3], 0.0), 1e-6);
+}
+
+#[test]
 fn a_mesh_whose_skeleton_is_hidden_is_seen_and_moves() {
     let mut builder = bar([1.0, 2.0, 3.0]);
     let hidden = json!({ "KHR_node_visibility": { "visible": false } });
