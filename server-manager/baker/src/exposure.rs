@@ -42,18 +42,21 @@ const DARK: f64 = 0.02;
 /// Share of an emissive factor that counts where a texture says which parts glow.
 const TEXTURED: f64 = 0.2;
 
-/// The exposure that suits a scene, rounded to two digits; `None` for scenes that look right at 1.
-pub(super) fn suggest(scene: &Scene) -> Option<f32> {
-    let world = scene.world_from_nodes();
+/// The exposure that suits a scene without its `hidden` nodes, rounded to two digits; `None` for
+/// scenes that look right at 1.
+pub(super) fn suggest(scene: &Scene, hidden: &[bool]) -> Option<f32> {
+    let places = scene.nodes.iter().zip(scene.world_from_nodes()).zip(hidden);
+    let shown = places.filter(|(_, is_hidden)| !**is_hidden).map(|(place, _)| place);
+    let shown: Vec<(&Node, DAffine3)> = shown.collect();
     let mut lamps: Vec<Lamp> = Vec::new();
-    for (node, world) in scene.nodes.iter().zip(&world) {
+    for (node, world) in &shown {
         let light = node.light.and_then(|light| scene.lights.get(light as usize));
         lamps.extend(light.map(|light| Lamp::new(light, world)).filter(|lamp| lamp.strength > 0.0));
     }
-    let has_lights = scene.nodes.iter().any(|node| node.light.is_some());
+    let has_lights = shown.iter().any(|(node, _)| node.light.is_some());
     lamps.sort_by(|a, b| b.strength.total_cmp(&a.strength));
     lamps.truncate(LIGHTS_MAX);
-    let boxes: Vec<Box> = boxes(scene, &world);
+    let boxes: Vec<Box> = boxes(scene, &shown);
     let step = boxes.len().div_ceil(BOXES_MAX).max(1);
     let mut samples = Vec::new();
     for of in boxes.iter().step_by(step) {
@@ -175,9 +178,9 @@ impl Box {
     }
 }
 
-fn boxes(scene: &Scene, world: &[DAffine3]) -> Vec<Box> {
+fn boxes(scene: &Scene, shown: &[(&Node, DAffine3)]) -> Vec<Box> {
     let mut boxes = Vec::new();
-    for (node, world) in scene.nodes.iter().zip(world) {
+    for (node, world) in shown {
         let mesh = node.mesh.and_then(|mesh| scene.meshes.get(mesh as usize));
         for primitive in mesh.iter().flat_map(|mesh| &mesh.primitives) {
             let material = primitive.material.and_then(|of| scene.materials.get(of as usize));

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use polyptych_scene::limits::EXTRAS_BYTES_MAX;
-use polyptych_scene::{Attribute, NodeExtras, NodeId, SceneEdits, check_attribute};
+use polyptych_scene::{Attribute, NodeExtras, NodeId, Scene, SceneEdits, check_attribute};
 use polyptych_text::counted;
 use serde_json::Value;
 
@@ -93,6 +93,24 @@ impl ExtrasList {
         self.list.retain(|of| of.is_hidden || !of.attributes.is_empty());
         self.list
     }
+}
+
+/// Returns for each node whether it is hidden in its file while no clip is played, by itself or
+/// with what it hangs from.
+pub(super) fn hidden_nodes(scene: &Scene) -> Vec<bool> {
+    let mut hidden = vec![false; scene.nodes.len()];
+    let of_file = scene.extras.iter().filter(|of| of.is_hidden).map(|of| of.node);
+    for node in of_file.chain(scene.animations.hidden_at_rest()) {
+        if let Some(is_hidden) = hidden.get_mut(node as usize) {
+            *is_hidden = true;
+        }
+    }
+    // Parents stand before their children.
+    for (at, node) in scene.nodes.iter().enumerate() {
+        let above = node.parent.and_then(|parent| hidden.get(parent as usize)).copied();
+        hidden[at] |= above.unwrap_or_default();
+    }
+    hidden
 }
 
 /// Adds the edits that say this of a node, if there is room for them.

@@ -92,7 +92,7 @@ use source::GltfSource;
 use variants::ReplacedMaterials;
 
 /// Part of every bake's key: a baker that writes other bytes must have another number.
-const BAKER_VERSION: u32 = 36;
+const BAKER_VERSION: u32 = 37;
 
 /// The sky of a scene that brings none: linear RGB of a clear morning, dim enough that
 /// lit surfaces stand out against it.
@@ -376,7 +376,6 @@ impl BakeJob<'_> {
         renumber(&mut scene.nodes, |node| &mut node.light, &light_of);
         // Again, since large primitives were split, and with lights.
         check_expansion(&scene.nodes, &scene.lights, scene.draws())?;
-        light::note_without_shadows(self, &scene);
         let parts = animated_property::SceneParts {
             place_of: &place_of,
             hidden_with: &hidden_with,
@@ -387,6 +386,8 @@ impl BakeJob<'_> {
         };
         let (animations, animated) = animation::read(self, parts, &scene.nodes)?;
         scene.animations = animations;
+        let hidden = extras::hidden_nodes(&scene);
+        light::note_without_shadows(self, &scene, &hidden);
         scene.deformations = meshes.deformations(&mesh_of, &animated, &scene.meshes);
 
         let overview = bounds::overview(&scene, &file_nodes)?;
@@ -401,7 +402,7 @@ impl BakeJob<'_> {
         placeholder::darken(&mut scene.materials, &textures.placeholders);
         skies::find(&mut scene, &overview);
         scene.surroundings = image_based_light::write(self)?;
-        scene.exposure = exposure::suggest(&scene);
+        scene.exposure = exposure::suggest(&scene, &hidden);
         if let Some(exposure) = scene.exposure {
             // The sky is ours, and stays as bright beside what it lights.
             scene.sky /= exposure;

@@ -51,9 +51,11 @@ pub(super) fn convert(job: &mut BakeJob<'_>, index: u32) -> Result<Light, BakeEr
     Ok(Light { kind, color, intensity, range })
 }
 
-/// Notes how many lights of a scene cast no shadow, because brighter ones take all maps.
-pub(super) fn note_without_shadows(job: &mut BakeJob<'_>, scene: &Scene) {
-    let placed = scene.nodes.iter().filter_map(|node| node.light);
+/// Notes how many lights of a scene cast no shadow, because brighter ones take all maps. Those of
+/// `hidden` nodes take none.
+pub(super) fn note_without_shadows(job: &mut BakeJob<'_>, scene: &Scene, hidden: &[bool]) {
+    let shown = scene.nodes.iter().zip(hidden).filter(|(_, is_hidden)| !**is_hidden);
+    let placed = shown.filter_map(|(node, _)| node.light);
     let lights = placed.filter_map(|light| scene.lights.get(light as usize));
     let lamps: Vec<_> = lights
         .map(|light| (light.lamp_map_count(), (light.color * light.intensity).max_element()))

@@ -91,3 +91,28 @@ fn surfaces_that_glow_in_candela_come_to_white() {
     let unlit = json!({ "extensions": { "KHR_materials_unlit": {} } });
     assert_eq!(exposure_with(&[light("directional", 1e5)], &unlit), None);
 }
+
+#[test]
+fn hidden_lights_set_no_exposure_and_take_no_maps_of_shadows() {
+    let mut builder = Builder::quad();
+    let mut lights = vec![light("directional", 3.0), light("directional", 1e5)];
+    // Twice as many as there are maps for.
+    lights.resize(22, light("point", 1e6));
+    builder.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": lights } });
+    let of = |light: usize| json!({ "KHR_lights_punctual": { "light": light } });
+    let nodes = builder.json["nodes"].as_array_mut().expect("a list");
+    nodes.push(json!({ "extensions": of(0) }));
+    // What hangs from a node is hidden with it.
+    let below: Vec<usize> = (3..24).collect();
+    let hidden = json!({ "KHR_node_visibility": { "visible": false } });
+    nodes.push(json!({ "children": below, "extensions": hidden }));
+    nodes.extend((1..22).map(|at| json!({ "translation": [0, 0, 4], "extensions": of(at) })));
+    builder.json["scenes"][0]["nodes"] = json!([0, 1, 2]);
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert_eq!(scene.exposure, None);
+    assert!(baked.warnings.is_empty(), "{:?}", baked.warnings);
+
+    builder.json["nodes"][2]["extensions"] = json!({});
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert!(scene.exposure.is_some() && baked.warnings.len() == 2, "{:?}", baked.warnings);
+}
