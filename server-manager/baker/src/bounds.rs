@@ -45,13 +45,17 @@ pub(super) fn stretch(matrix: DMat3) -> f64 {
     row(gram.x_axis).max(row(gram.y_axis)).max(row(gram.z_axis)).sqrt() * largest
 }
 
-/// Returns the box that an overview shows: around everything drawn but the backgrounds.
-/// `file_nodes` are the numbers in the file of the scene's nodes.
-pub(super) fn overview(scene: &Scene, file_nodes: &[u32]) -> Result<Overview, BakeError> {
-    let mut search = BackgroundSearch::default();
+/// Returns the overview of a scene without its `hidden` nodes, and that of all of it, which is both
+/// if nothing is shown. `file_nodes` are the numbers in the file of the scene's nodes.
+pub(super) fn overviews(
+    scene: &Scene,
+    file_nodes: &[u32],
+    hidden: &[bool],
+) -> Result<[Overview; 2], BakeError> {
+    let (mut shown, mut all) = (BackgroundSearch::default(), BackgroundSearch::default());
     let whole: Vec<_> = scene.meshes.iter().map(whole).collect();
-    let nodes = (0..).zip(&scene.nodes).zip(file_nodes);
-    for (((node, of), number), world) in nodes.zip(scene.world_from_nodes()) {
+    let nodes = (0..).zip(&scene.nodes).zip(file_nodes.iter().zip(hidden));
+    for (((node, of), (number, is_hidden)), world) in nodes.zip(scene.world_from_nodes()) {
         let place = || format!("nodes[{number}] '{}'", uri::shorten(&of.name));
         if !world.is_finite() {
             let right = "smaller numbers would be right";
@@ -68,7 +72,10 @@ pub(super) fn overview(scene: &Scene, file_nodes: &[u32]) -> Result<Overview, Ba
                 let what = format!("its mesh reaches as far as {farthest:.0e} units");
                 return Err(BakeError::at(place(), what, "smaller numbers would be right"));
             }
-            search.add(drawn);
+            all.add(drawn);
+            if !is_hidden {
+                shown.add(drawn);
+            }
             Ok(())
         };
         let Some(Some((corners_of_all, elements))) = whole.get(mesh) else { continue };
@@ -85,7 +92,8 @@ pub(super) fn overview(scene: &Scene, file_nodes: &[u32]) -> Result<Overview, Ba
             add(DrawnBox { bounds, elements: *elements, node })?;
         }
     }
-    Ok(search.overview())
+    let (shown, all) = (shown.overview(), all.overview());
+    Ok([if shown.bounds.is_some() { shown } else { all.clone() }, all])
 }
 
 /// The space of a node, from that of one of its copies.

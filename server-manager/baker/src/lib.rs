@@ -390,7 +390,7 @@ impl BakeJob<'_> {
         light::note_without_shadows(self, &scene, &hidden);
         scene.deformations = meshes.deformations(&mesh_of, &animated, &scene.meshes);
 
-        let overview = bounds::overview(&scene, &file_nodes)?;
+        let [overview, whole] = bounds::overviews(&scene, &file_nodes, &hidden)?;
         scene.bounds = overview.bounds;
         if let Some(note) = overview.note(&scene.nodes) {
             self.warn(&note);
@@ -400,7 +400,8 @@ impl BakeJob<'_> {
         scene.materials = palette.materials;
         crowd::find(self, &mut scene)?;
         placeholder::darken(&mut scene.materials, &textures.placeholders);
-        skies::find(&mut scene, &overview);
+        // What is hidden may be shown later, as a sky too.
+        skies::find(&mut scene, &whole);
         scene.surroundings = image_based_light::write(self)?;
         scene.exposure = exposure::suggest(&scene, &hidden);
         if let Some(exposure) = scene.exposure {

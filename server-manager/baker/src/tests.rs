@@ -355,6 +355,12 @@ fn domes_are_skies_and_halls_and_hills_are_none() {
         builder.image(b"broken");
         let (_place, _, scene) = bake_builder(&builder);
         assert!(!scene.nodes[0].is_sky, "what is within is no sky");
+        // A hidden one is the same, since it may be shown later.
+        let hidden = json!({ "KHR_node_visibility": { "visible": false } });
+        builder.json["nodes"][1]["extensions"] = hidden;
+        let (_place, baked, of_hidden) = bake_builder(&builder);
+        assert!(!baked.warnings.iter().any(|note| note.contains("overview")));
+        assert_eq!(of_hidden.nodes[1].is_sky, scene.nodes[1].is_sky);
         scene.nodes[1].is_sky
     };
     let (lit, glowing) = (json!({}), json!({ "emissiveFactor": [1, 1, 1] }));

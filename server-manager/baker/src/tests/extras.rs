@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
+use glam::DVec3;
 use polyptych_scene::limits::{ATTRIBUTES_MAX, EXTRAS_BYTES_MAX};
-use polyptych_scene::{Attribute, CAMERA_KEY, NodeExtras, NodeId};
+use polyptych_scene::{Attribute, Bounds, CAMERA_KEY, NodeExtras, NodeId};
 use serde_json::{Value, json};
 
 use super::bake_builder;
@@ -113,4 +114,35 @@ fn what_breaks_a_limit_is_counted_in_a_note() {
     let note =
         format!("nodes: {} values of extras are beyond the limits of attributes", (600 - kept) * 2);
     assert_eq!(baked.warnings, [note]);
+}
+
+#[test]
+fn overviews_leave_out_what_is_hidden_unless_all_is() {
+    let hidden = json!({ "KHR_node_visibility": { "visible": false } });
+    let mut builder = nodes(&json!([
+        { "mesh": 0 },
+        { "children": [2], "extensions": hidden },
+        { "mesh": 0, "translation": [1000, 0, 0] },
+    ]));
+    builder.json["scenes"][0]["nodes"] = json!([0, 1]);
+    let bounds = |builder: &Builder| bake_builder(builder).2.bounds;
+    let up_to = |x: f64| Some(Bounds { min: DVec3::ZERO, max: DVec3::new(x, 1.0, 0.0) });
+    assert_eq!(bounds(&builder), up_to(1.0));
+
+    // A clip shows it after a second, and hides it while it is not played.
+    let mut all_hidden = builder.clone();
+    let times = [0.0f32, 1.0].map(f32::to_le_bytes).concat();
+    let input = builder.accessor("SCALAR", 5126, 2, &times, None);
+    let output = builder.accessor("SCALAR", 5121, 2, &[0, 1], None);
+    let pointer = "/nodes/1/extensions/KHR_node_visibility/visible";
+    let extension = json!({ "KHR_animation_pointer": { "pointer": pointer } });
+    let channel = json!({ "sampler": 0, "target": { "path": "pointer", "extensions": extension } });
+    let sampler = json!({ "input": input, "output": output, "interpolation": "STEP" });
+    builder.json["animations"] = json!([{ "channels": [channel], "samplers": [sampler] }]);
+    let (_place, baked, scene) = bake_builder(&builder);
+    assert!(baked.warnings.is_empty() && scene.extras.is_empty(), "{:?}", baked.warnings);
+    assert_eq!(scene.bounds, up_to(1.0));
+
+    all_hidden.json["nodes"][0]["extensions"] = hidden;
+    assert_eq!(bounds(&all_hidden), up_to(1001.0));
 }
