@@ -399,7 +399,7 @@ impl BakeJob<'_> {
         scene.textures = textures.list;
         scene.materials = palette.materials;
         crowd::find(self, &mut scene)?;
-        placeholder::darken(&mut scene.materials, &textures.placeholders);
+        placeholder::darken(&mut scene, &textures.placeholders);
         // What is hidden may be shown later, as a sky too.
         skies::find(&mut scene, &whole);
         scene.surroundings = image_based_light::write(self)?;

@@ -6,7 +6,7 @@
 use std::collections::BTreeSet;
 
 use glam::Vec3;
-use polyptych_scene::{Material, MaterialExtensions, TextureRef};
+use polyptych_scene::{MaterialExtensions, MaterialProperty, PropertyKind, Scene, TextureRef};
 
 use super::material::TextureKind;
 use super::mip::Rgba8Image;
@@ -36,20 +36,32 @@ pub(super) fn picture(content: TextureKind) -> Rgba8Image {
 }
 
 /// Takes the emission from materials whose emissive texture is one of these placeholders, and
-/// baked light likewise: a surface that glows all over would be worse than one that does not.
-pub(super) fn darken(materials: &mut [Material], placeholders: &BTreeSet<u32>) {
+/// baked light likewise: a surface that glows all over would be worse than one that does not. Clips
+/// change the emission of other materials only.
+pub(super) fn darken(scene: &mut Scene, placeholders: &BTreeSet<u32>) {
     let is_one =
         |used: Option<TextureRef>| used.is_some_and(|of| placeholders.contains(&of.texture));
-    for material in materials {
+    let mut darkened = BTreeSet::new();
+    for (index, material) in (0_u32..).zip(&mut scene.materials) {
         if is_one(material.emissive_texture) {
             material.emissive = Vec3::ZERO;
             material.emissive_texture = None;
+            darkened.insert(index);
         }
         if let Some(of) = &mut material.extensions {
             of.baked_light = of.baked_light.take().filter(|of| !is_one(of.texture));
         }
         if material.extensions.as_deref() == Some(&MaterialExtensions::default()) {
             material.extensions = None;
+        }
+    }
+    for property in &mut scene.animations.properties {
+        if let PropertyKind::Material(
+            MaterialProperty::EmissiveColor | MaterialProperty::EmissiveStrength,
+        ) = property.kind
+        {
+            // Channels name it by its place, so it stays even without a target.
+            property.targets.retain(|material| !darkened.contains(material));
         }
     }
 }

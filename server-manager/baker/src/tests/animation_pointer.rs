@@ -221,6 +221,31 @@ fn a_property_changes_those_copies_of_its_material_that_have_it() {
 }
 
 #[test]
+fn emission_whose_picture_is_missing_stays_dark_in_clips() {
+    let (mut builder, mut clip) = (scene(), Clip::default());
+    builder.json["images"].as_array_mut().expect("a list").push(json!({ "uri": "gone.png" }));
+    builder.json["textures"].as_array_mut().expect("a list").push(json!({ "source": 1 }));
+    builder.json["materials"][0]["emissiveTexture"] = json!({ "index": 1 });
+    builder.json["materials"][0]["emissiveFactor"] = json!([1, 1, 1]);
+    let of = |path: &str| format!("/materials/0/{path}");
+    clip.add(&mut builder, &of("emissiveFactor"), "VEC3", [&[0.0; 3], &[1.0; 3]]);
+    let metallic = of("pbrMetallicRoughness/metallicFactor");
+    clip.add(&mut builder, &metallic, "SCALAR", [&[0.0], &[1.0]]);
+    clip.finish(&mut builder);
+    let (_place, baked, scene) = bake_builder(&builder);
+    let [note] = &baked.warnings[..] else { panic!("{:?}", baked.warnings) };
+    assert!(note.contains("gone.png") && note.contains("placeholder"), "{note}");
+    let played = [ClipTime { clip: 0, time_s: 1.0, weight: 1.0 }];
+    for clips in [&played[..], &played[..0]] {
+        let moment = moment(&scene, clips);
+        let material = material(&scene, &moment);
+        assert_eq!(material.emissive, glam::Vec3::ZERO);
+        let metallic = if clips.is_empty() { 0.0 } else { 0.5 };
+        assert!((material.metallic - metallic).abs() < 1e-5, "the rest is changed");
+    }
+}
+
+#[test]
 fn factors_of_films_brushed_and_translucent_surfaces_move_from_nothing() {
     let (mut builder, mut clip) = (scene(), Clip::default());
     builder.json["materials"][0]["extensions"] = json!({
