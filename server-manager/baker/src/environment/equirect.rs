@@ -46,7 +46,7 @@ impl Equirect {
 
     pub fn decode(bytes: &[u8]) -> Result<Self, BakeError> {
         if !bytes.starts_with(b"#?") {
-            let what = "it is not a Radiance .hdr file, whose first bytes are #?RADIANCE";
+            let what = "it is not a Radiance .hdr file, whose first line is #?RADIANCE or #?RGBE";
             let right = "save the surroundings as an equirectangular Radiance .hdr (RGBE)";
             return Err(BakeError::at("file", what, right));
         }
@@ -54,7 +54,8 @@ impl Equirect {
             let what = format!("it cannot be read as Radiance .hdr: {error}");
             BakeError::at("file", what, "save or download it again")
         };
-        let decoder = HdrDecoder::new(Cursor::new(bytes)).map_err(broken)?;
+        // The strict reader knows no other name than #?RADIANCE.
+        let decoder = HdrDecoder::new_nonstrict(Cursor::new(bytes)).map_err(broken)?;
         let (width, height) = decoder.dimensions();
         check_size(width, height)?;
         let mut rgb = vec![0; width as usize * height as usize * 12];

@@ -210,6 +210,14 @@ fn hdr(width: u32, height: u32, rgbe: [u8; 4]) -> Vec<u8> {
 }
 
 #[test]
+fn files_by_the_name_of_rgbe_are_read_as_those_of_radiance() {
+    let file = hdr(8, 4, [128, 64, 32, 129]);
+    let renamed = [&b"#?RGBE"[..], &file["#?RADIANCE".len()..]].concat();
+    let expected = Equirect::decode(&file).expect("a picture");
+    assert_eq!(Equirect::decode(&renamed).expect("a picture"), expected);
+}
+
+#[test]
 fn a_file_is_baked_once_and_the_same_bytes_have_the_same_blob() {
     let folder = TempDir::new().expect("a folder");
     let store = BakeCache::open(folder.path().join("store")).expect("a store");
