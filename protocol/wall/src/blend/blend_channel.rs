@@ -10,6 +10,7 @@ use super::super::wall_geometry::ResolvedWall;
 use super::super::{Channel, ChannelCalibration, ChannelKind, Eye, StereoPacking, Surface};
 use super::BlendWeight;
 use crate::ChannelId;
+use crate::limits::LEAK_MAX;
 
 /// A ray of a projector that ends within this of a point has lit it, in shares of the distance.
 const HIT_SHARE: f64 = 1e-6;
@@ -254,13 +255,18 @@ impl<'a> BlendChannel<'a> {
 }
 
 /// Returns a channel's black level in light of the wall; as it is if its colours cannot be
-/// inverted.
+/// inverted, or only with numbers that are no black.
 fn leak(channel: &Channel, own: DVec3) -> DVec3 {
     if own == DVec3::ZERO {
         return own;
     }
     let black = channel.adjustment.color.made().inverse() * own;
-    if black.is_finite() { black } else { own }
+    // All others are lifted to the black of one channel: a gain of almost 0, or a matrix that
+    // almost loses a colour, would lift the whole wall to grey or white. A little below 0 is the
+    // light of a black with more colour than the wall's primaries make.
+    let least = DVec3::splat(-own.max_element());
+    let is_black = black.cmpge(least).all() && black.cmple(DVec3::splat(LEAK_MAX)).all();
+    if is_black { black } else { own }
 }
 
 /// The slope of [`ramp`] as a share of it, for each pixel: 2/distance next to the edge. Nearer

@@ -265,9 +265,20 @@ fn blacks_that_differ_become_one() {
     assert!(worst < 4e-5, "{worst}");
     let texels = maps(&wall)[1].as_ref().expect("a map").texels.len();
     assert_eq!(texels, 3 * 80 * 60, "colours of their own");
-    // Nothing undoes a gain of 0: no light is lost to a black without bound.
-    wall.channels[0].adjustment.color.gain = DVec3::ZERO;
-    assert!(BlendModel::new(&wall).black().max_element() < 0.1);
+    // Nothing undoes a gain of about 0: no light is lost to a black without bound.
+    for gain in [0.0, 0.003, 0.03] {
+        wall.channels[0].adjustment.color.gain = DVec3::splat(gain);
+        assert!(BlendModel::new(&wall).black().max_element() < 0.1, "{gain}");
+    }
+    // Nor a matrix that leaves almost no colour, before gains that tint.
+    let [red, green, blue] = [0.2126, 0.7152, 0.0722].map(DVec3::splat);
+    let grey = DMat3::from_cols(red, green, blue);
+    wall.channels[0].adjustment.color.gain = DVec3::new(1.0, 0.9, 1.0);
+    for colour in [0.0, 0.001] {
+        wall.channels[0].adjustment.color.matrix =
+            grey + DMat3::from_diagonal(DVec3::splat(colour));
+        assert!(BlendModel::new(&wall).black().max_element() < 0.1, "{colour}");
+    }
 }
 
 #[test]
