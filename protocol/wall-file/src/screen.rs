@@ -20,6 +20,11 @@ pub(super) const SCREEN_SIDE_MIN_M: f64 = 1e-3;
 /// people who measure a room achieve.
 const RIGHT_ANGLE_COSINE_MAX: f64 = 1e-3;
 
+/// Maximum distance in metres by which an upper left corner stays aside of a right angle: corners
+/// as far away as a file may place them are rounded by less, so that a file written from a wall
+/// makes the same wall.
+const LEAN_MAX_M: f64 = 1e-9;
+
 /// A channel, with the keys that errors about it name.
 pub(super) struct ChannelDraft {
     /// The channel as it will be.
@@ -62,7 +67,7 @@ pub(super) fn screen(
         let [lower_left, lower_right, upper_left] = place.corners()?;
         let plane = Plane { lower_left, lower_right, upper_left };
         place.check_rectangle(&plane)?;
-        Surface::Plane(plane)
+        Surface::Plane(squared(plane))
     };
     let mut screen =
         Screen { name: section.name.clone(), surface, canvas: UVec2::ZERO, bezel: None };
@@ -252,6 +257,17 @@ impl PlacedSection<'_> {
         };
         ChannelDraft { channel, name_key, key }
     }
+}
+
+/// The rectangle that frusta draw of measured corners: the upper left one is moved along the lower
+/// edge to a right angle, so that projectors, warps and views find pixels where tiles draw them.
+fn squared(plane: Plane) -> Plane {
+    let right = (plane.lower_right - plane.lower_left).normalize();
+    let lean_m = right.dot(plane.upper_left - plane.lower_left);
+    if lean_m.abs() <= LEAN_MAX_M {
+        return plane;
+    }
+    Plane { upper_left: plane.upper_left - right * lean_m, ..plane }
 }
 
 /// Roll about +Z, then pitch about +X, then yaw about +Y; [yaw, pitch, roll] in degrees. Quarter

@@ -1,8 +1,9 @@
 //! Walls that cannot be: numbers, places, tiles and names.
 
-use polyptych_wall::MemoryBudget;
+use glam::DVec2;
+use polyptych_wall::{ChannelId, MemoryBudget};
 
-use super::{BY_HAND, SMALLEST, check, check_changed, read};
+use super::{BY_HAND, SMALLEST, check, check_changed, read, to_toml};
 
 #[test]
 fn channels_may_overlap_and_then_need_not_cover_the_canvas() {
@@ -135,6 +136,25 @@ fn an_eye_in_the_plane_of_a_screen_or_behind_it() {
         "1:2: wall.eye: the eye [0, 0, 0] m is 0.000001 m before screen \"front\", so near that \
          pixels of its channel \"front\" would be wrong; move the eye or the screen: 0.00003",
     );
+}
+
+/// Corners that a person measured lean a little: all that knows pixels knows the same ones.
+#[test]
+fn measured_corners_make_one_rectangle() {
+    let corners = "lower_left = [-1, -0.5, -1]\nlower_right = [1, -0.5, -1]\n\
+                   upper_left = [-0.9991, 0.5, -1]\n";
+    let pose = "size = [2.0, 1.0]\ncenter = [0.0, 0.0, -1.0]\n";
+    let wall = read(&SMALLEST.replace(pose, corners));
+    let screen = &wall.screens[0];
+    for place in [[0.0, 0.0], [200.0, 0.0], [40.0, 30.0], [0.0, 100.0], [200.0, 100.0]] {
+        let place = DVec2::from(place);
+        let point = screen.display_from_canvas(place).unwrap();
+        let drawn = wall.pixel_from_display(ChannelId(0), wall.eye, point).unwrap();
+        assert!(drawn.distance(place) < 1e-6, "{place} is drawn at {drawn}");
+        let found = screen.canvas_from_display(point).unwrap();
+        assert!(found.distance(place) < 1e-6, "{place} is found at {found}");
+    }
+    assert_eq!(read(&to_toml(&wall)), wall);
 }
 
 #[test]
