@@ -46,6 +46,16 @@ const SIDE_STEP: f64 = 32.0;
 /// Source pixels that one sample stands for: linear filtering reaches over two.
 const TAP_SPACING: f64 = 1.5;
 
+/// The pixels of a channel that a mesh has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeshPart {
+    /// All of them: the eye must be in front of as good as all of their surface.
+    Whole,
+    /// Those of a view. It may lie where the few are that an eye sees from the back, which is no
+    /// reason not to show the channel.
+    View,
+}
+
 /// The reason why a channel has no source.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum AtlasError {
@@ -146,16 +156,16 @@ impl ViewAtlas {
         near_m: f64,
         side_max: u32,
     ) -> Result<Self, AtlasError> {
-        Self::reduced(mesh, eyes, near_m, side_max, 1.0)
+        Self::reduced((mesh, MeshPart::Whole), eyes, near_m, side_max, 1.0)
     }
 
-    /// An atlas as [`Self::new`] makes it, with this share of the pixels along each side: above 0,
-    /// and at most 1.
+    /// An atlas as [`Self::new`] makes it, of a channel or of a view on it, with this share of the
+    /// pixels along each side: above 0, and at most 1.
     ///
     /// # Errors
     /// Those of [`Self::new`].
     pub fn reduced<E: Copy + Into<Viewpoint>>(
-        mesh: &WarpMesh,
+        (mesh, part): (&WarpMesh, MeshPart),
         eyes: &[E],
         near_m: f64,
         side_max: u32,
@@ -166,14 +176,14 @@ impl ViewAtlas {
         let (mut pixels, mut stereo_error_px) = (0.0, 0.0);
         for eye in &eyes {
             let middle = eye.middle();
-            let facets = group::view_triangles(mesh, middle)?;
+            let facets = group::view_triangles(mesh, middle, part)?;
             pixels += facets.iter().map(|facet| facet.area).sum::<f64>();
             if let Viewpoint::Fixed(eye) = eye {
                 groups.push(group::groups(&facets, *eye)?);
             }
         }
         if let Some(Viewpoint::Around(first)) = eyes.first() {
-            let cells = around::cells(mesh, &eyes, first.error_max_px)?;
+            let cells = around::cells((mesh, part), &eyes, first.error_max_px)?;
             (groups, triangles) = (cells.groups, cells.triangles);
             stereo_error_px = cells.error_px;
         }

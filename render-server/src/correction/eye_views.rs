@@ -7,7 +7,7 @@ use polyptych_protocol::command::Frame;
 use polyptych_protocol::quality_bounds::resolution_scale;
 use polyptych_renderer::{AtlasViewDesc, EyeAtlas, ViewDesc};
 use polyptych_wall::view::View;
-use polyptych_wall::view_atlas::ViewAtlas;
+use polyptych_wall::view_atlas::{MeshPart, ViewAtlas};
 use polyptych_wall::warp_mesh::WarpMesh;
 use polyptych_wall::{ChannelId, Viewpoint, Wall};
 
@@ -41,20 +41,33 @@ impl EyeViews {
         id: ChannelId,
         warp: Option<&WarpMesh>,
         eyes: &[Viewpoint],
-        (side_max, resolution_steps): (u32, u8),
+        limits: (u32, u8),
     ) -> Result<Self, String> {
         match warp {
-            Some(mesh) => {
-                let scale = resolution_scale(resolution_steps);
-                let plan = ViewAtlas::reduced(mesh, eyes, wall.near_m, side_max, scale);
-                let plan = plan.map_err(|error| {
-                    let name = wall.channel(id).map_or("", |channel| &channel.name);
-                    format!("channel {name}: {error}")
-                })?;
-                Ok(Self { resolution_steps, ..Self::planar(wall, plan, eyes) })
-            }
+            Some(mesh) => Self::of_mesh(wall, id, (mesh, MeshPart::Whole), eyes, limits),
             None => Self::exact(wall, id, eyes),
         }
+    }
+
+    /// The pictures of a warped channel, or of a view on it, that these eyes see, from the
+    /// adapter's largest texture and the steps by which the resolution is lowered.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`].
+    pub fn of_mesh(
+        wall: &Wall,
+        id: ChannelId,
+        mesh: (&WarpMesh, MeshPart),
+        eyes: &[Viewpoint],
+        (side_max, resolution_steps): (u32, u8),
+    ) -> Result<Self, String> {
+        let scale = resolution_scale(resolution_steps);
+        let plan = ViewAtlas::reduced(mesh, eyes, wall.near_m, side_max, scale);
+        let plan = plan.map_err(|error| {
+            let name = wall.channel(id).map_or("", |channel| &channel.name);
+            format!("channel {name}: {error}")
+        })?;
+        Ok(Self { resolution_steps, ..Self::planar(wall, plan, eyes) })
     }
 
     fn planar(wall: &Wall, plan: ViewAtlas, eyes: &[Viewpoint]) -> Self {

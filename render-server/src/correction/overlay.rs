@@ -6,6 +6,7 @@ use glam::{DMat3, DVec3};
 use polyptych_renderer::{AtlasViewDesc, Correction, CorrectionMesh, EyeAtlas, Gpu};
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::view::{Area, CanvasRect, PointSpace, View, ViewProjection};
+use polyptych_wall::view_atlas::MeshPart;
 use polyptych_wall::view_atlas::overlay_view::OverlayView;
 use polyptych_wall::wall_geometry::ResolvedWall;
 use polyptych_wall::warp_mesh::WarpMesh;
@@ -50,7 +51,7 @@ impl Overlay {
     /// The pixels of a view on a channel with this correction.
     ///
     /// # Errors
-    /// The channel's pixels have no place on its canvas, or fold there.
+    /// The channel's pixels have no place on its canvas.
     pub fn new(
         ground: OverlayContext<'_>,
         view: &View,
@@ -110,7 +111,8 @@ impl OverlayMesh {
                 shots
             } else {
                 let side_max = gpu.info().texture_side_max;
-                EyeViews::new(wall, id, Some(&self.mesh), eyes, (side_max, resolution_steps))?
+                let mesh = (&self.mesh, MeshPart::View);
+                EyeViews::of_mesh(wall, id, mesh, eyes, (side_max, resolution_steps))?
             };
             return Ok(self.shots.insert(shots).clone());
         };

@@ -21,7 +21,7 @@
 use glam::DVec3;
 
 use super::group::{Group, ViewTriangle, view_triangles};
-use super::{AtlasError, SOURCE_CELLS_MAX, WarpMesh};
+use super::{AtlasError, MeshPart, SOURCE_CELLS_MAX, WarpMesh};
 use crate::Viewpoint;
 use crate::warp_mesh::WarpVertex;
 
@@ -113,12 +113,12 @@ impl WarpMesh {
 /// # Errors
 /// The errors of [`ViewAtlas::new`](super::ViewAtlas::new), for the head.
 pub(super) fn cells(
-    mesh: &WarpMesh,
+    (mesh, part): (&WarpMesh, MeshPart),
     viewpoints: &[Viewpoint],
     error_max_px: f64,
 ) -> Result<Cells, AtlasError> {
     let head = viewpoints.first().map_or(DVec3::ZERO, Viewpoint::middle);
-    let samples: Vec<Sample> = view_triangles(mesh, head)?
+    let samples: Vec<Sample> = view_triangles(mesh, head, part)?
         .into_iter()
         .map(|facet| Sample::new(facet, head, viewpoints))
         .collect();

@@ -5,8 +5,8 @@ use std::f64::consts::FRAC_PI_2;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use super::{
-    AtlasError, BACK_SHARE_MAX, SOURCE_DISTANCE_MIN_M, SOURCE_PLANES_MAX, SOURCE_SHARE_MAX,
-    SOURCE_SPAN_MAX, WarpMesh,
+    AtlasError, BACK_SHARE_MAX, MeshPart, SOURCE_DISTANCE_MIN_M, SOURCE_PLANES_MAX,
+    SOURCE_SHARE_MAX, SOURCE_SPAN_MAX, WarpMesh,
 };
 
 /// The obliqueness of a triangle beyond which the direction along the line of sight is ignored: the
@@ -64,8 +64,12 @@ pub(super) struct Density {
     pub across_down: DVec2,
 }
 
-/// The triangles of a mesh, checked against the eye.
-pub(super) fn view_triangles(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<ViewTriangle>, AtlasError> {
+/// The triangles of a mesh, checked against the eye: of a whole channel, few may show their backs.
+pub(super) fn view_triangles(
+    mesh: &WarpMesh,
+    eye: DVec3,
+    part: MeshPart,
+) -> Result<Vec<ViewTriangle>, AtlasError> {
     let mut facets = Vec::with_capacity(mesh.triangles.len());
     // Areas that the eye sees from either side, and where.
     let mut sides = [(0.0, DVec2::ZERO); 2];
@@ -100,7 +104,7 @@ pub(super) fn view_triangles(mesh: &WarpMesh, eye: DVec3) -> Result<Vec<ViewTria
     if facets.is_empty() {
         return Err(AtlasError::Nothing);
     }
-    if few.0 > BACK_SHARE_MAX * many.0 {
+    if part == MeshPart::Whole && few.0 > BACK_SHARE_MAX * many.0 {
         // By where a viewer stands who sees the picture unmirrored.
         return Err(AtlasError::EyeBehind { eye, pixel: back.1 });
     }

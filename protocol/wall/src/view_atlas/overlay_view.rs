@@ -7,7 +7,9 @@
 use glam::{DMat3, DVec2, DVec3, UVec2};
 
 use super::group::{Group, view_triangles};
-use super::{AtlasError, AtlasView, SOURCE_GUARD, SOURCE_SHARE_MAX, TAP_SPACING, WarpMesh, plane};
+use super::{
+    AtlasError, AtlasView, MeshPart, SOURCE_GUARD, SOURCE_SHARE_MAX, TAP_SPACING, WarpMesh, plane,
+};
 
 /// A scale that is so near to 1 is 1.
 const SCALE_ROUNDING: f64 = 1e-6;
@@ -30,9 +32,9 @@ impl OverlayView {
     /// The plan of a mesh of such points; `side_max` is the adapter's largest texture.
     ///
     /// # Errors
-    /// A mesh of nothing, or one that is folded.
+    /// A mesh of nothing.
     pub fn new(mesh: &WarpMesh, side_max: u32) -> Result<Self, AtlasError> {
-        let facets = view_triangles(mesh, DVec3::ZERO)?;
+        let facets = view_triangles(mesh, DVec3::ZERO, MeshPart::View)?;
         let pixels = facets.iter().map(|facet| facet.area).sum::<f64>();
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
         for vertex in mesh.triangles.iter().flatten().map(|at| mesh.vertices[*at as usize]) {

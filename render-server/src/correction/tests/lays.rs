@@ -275,6 +275,35 @@ fn files_of_places_have_the_picture_where_they_say() {
     }
 }
 
+/// A measured warp that turns back over half a hundredth of its pixels is shown, and so is a view
+/// that lies where most of those are.
+#[test]
+fn a_view_over_the_few_pixels_that_turn_back_is_shown() {
+    let plane = Plane::upright(DVec3::NEG_Z * 2.0, DVec2::new(3.2, 0.8));
+    let mut wall = wall(Surface::Plane(plane), [400, 100]);
+    let vertex = |x: f32, y: f32, u: f32| ImportedVertex {
+        place: Vec2::new(x, y),
+        value: Vec3::new(u, y, 0.0),
+        light: 1.0,
+    };
+    let row = |y| [vertex(0.0, y, 0.0), vertex(0.995, y, 0.995), vertex(1.0, y, 0.99)];
+    let vertices = [row(0.0), row(1.0)].concat();
+    let triangles = vec![[0, 1, 3], [3, 1, 4], [1, 2, 4], [4, 2, 5]];
+    let shape = WarpGeometry::Mesh(ImportedMesh { vertices, triangles });
+    (wall.channels[0].cover, wall.channels[0].adjustment.warp) = (ChannelKind::Map, Some(0));
+    let map = WarpMap { space: MapCoordinates::Canvas, shape };
+    let maps = with_file(&mut wall, CalibrationFileKind::Warp, map);
+    let plan =
+        CorrectionPlan::new(&wall, &maps, ChannelId(0)).expect("a plan").expect("a correction");
+    let mut corrector = Corrector::new(gpu(), plan, &wall, None).expect("a corrector");
+    for projection in [ViewProjection::Wall, lenses()[1]] {
+        let mut frame = frame(wall.head());
+        frame.presentation.views = vec![laid([390, 20, 10, 60], projection)];
+        let layers = corrector.layers(gpu(), &wall, &frame).expect("both layers");
+        assert_eq!(layers.len(), 2, "{projection:?}");
+    }
+}
+
 /// A hill of two slopes in a file, whose places are the canvas: as a tile of it has them.
 #[test]
 fn a_screen_in_a_file_has_the_picture_by_its_own_places() {
