@@ -289,6 +289,11 @@ impl ChannelCalibration {
         if edges.into_iter().flatten().any(|edge| !(edge.is_finite() && edge >= 0.0)) {
             return Some("the width of a blend is no number from 0".into());
         }
+        if self.ramps == Ramps::Alpha && edges.iter().any(Option::is_some) {
+            return Some(
+                "how its light fades is given twice, by edges and by its alpha file".into(),
+            );
+        }
         self.color.fault()
     }
 }

@@ -6,7 +6,7 @@
 
 use super::keys::{KEYS, Key, differing_keys};
 use super::{differs_only_by_calibration, reapply};
-use crate::{Channel, ChannelCalibration, Wall};
+use crate::{Channel, ChannelCalibration, Ramps, Wall};
 
 /// The outcome for the tunings of a wall.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -88,7 +88,7 @@ fn merged(
     now: &Channel,
 ) -> (ChannelCalibration, Lost) {
     let mut merged = now.adjustment.clone();
-    let (mut edited, mut moved) = (Vec::new(), Vec::new());
+    let (mut edited, mut faded, mut moved) = (Vec::new(), Vec::new(), Vec::new());
     let moved_reason = change_of_picture(old, before, new, now);
     for Key { name, is_in_pixels, is_same, copy } in KEYS {
         let is_tuned = !is_same(tuned, &before.adjustment);
@@ -96,6 +96,8 @@ fn merged(
             // Not tuned, or the wall file says it now.
         } else if !is_same(&before.adjustment, &now.adjustment) {
             edited.push(*name);
+        } else if name.starts_with("edge.") && now.adjustment.ramps == Ramps::Alpha {
+            faded.push(*name);
         } else if *is_in_pixels && moved_reason.is_some() {
             moved.push(*name);
         } else {
@@ -105,6 +107,9 @@ fn merged(
     let mut lost = Lost::new();
     if !edited.is_empty() {
         lost.push((edited, "the wall file gives another value now".to_owned()));
+    }
+    if !faded.is_empty() {
+        lost.push((faded, "the channel's alpha file says how its light fades now".to_owned()));
     }
     if let Some(reason) = moved_reason.filter(|_| !moved.is_empty()) {
         lost.push((moved, reason));

@@ -88,6 +88,27 @@ fn an_edited_edge_leaves_the_tuning_of_another() {
 }
 
 #[test]
+fn a_width_is_lost_to_an_alpha_file_that_says_how_light_fades() {
+    let old = parsed(WALL);
+    let mut tuned = tunings(&old);
+    tuned[0].1.edges.right = Some(8.0);
+    let alpha = "alpha = \"a.png\"\nramps = \"alpha\"";
+    let new = parsed(&format!("{WALL}\n[channel.left]\n{alpha}"));
+    let carried = carried_over(&old, &tuned, &new);
+    let [lost] = &carried.dropped[..] else { panic!("{:?}", carried.dropped) };
+    assert_eq!((lost.channel.as_str(), lost.keys.as_str()), ("left", "edge.right"));
+    assert!(lost.reason.contains("alpha file"), "{lost:?}");
+    assert_eq!(names(&carried), ["left", "right"]);
+    // As the wall is saved, with the tunings of both.
+    let tuned = reapply(&new, &carried.tunings).expect("valid");
+    assert_eq!(parsed(&polyptych_wall_file::to_toml(&tuned)).channels, tuned.channels);
+    // One that comes with both, of a channel that is not known, is refused as files are.
+    let mut both = carried.tunings;
+    both[0].1.edges.right = Some(8.0);
+    assert!(reapply(&new, &both).expect_err("twice").contains("twice"));
+}
+
+#[test]
 fn a_tuning_that_was_saved_into_the_file_is_no_tuning_any_more() {
     let new = reapply(&parsed(WALL), &tunings(&parsed(WALL))).expect("valid");
     assert_eq!(after(&new), CarriedOver::default());
