@@ -56,19 +56,21 @@ struct Picture {
 }
 
 impl Picture {
-    /// The channel's picture as seen from `eye`; one as wide as it is far away if only the
-    /// screen's file knows more.
+    /// The channel's picture as seen from `eye`, by the middle of its pixels; an upright one that
+    /// is as wide as it is far away if only a file knows more.
     fn new(wall: &Wall, id: ChannelId, eye: DVec3) -> Self {
         let unknown = Self { right: DVec3::X, down: DVec3::NEG_Y, distance_m: 1.0 };
-        let Some(channel) = wall.channel(id) else { return unknown };
-        let (screen, size) = (wall.screen_of(channel), channel.size.as_dvec2());
-        let middle = channel.origin.as_dvec2() + size / 2.0;
+        let (Some(channel), Some(pixels)) = (wall.channel(id), wall.channel_mapping(id)) else {
+            return unknown;
+        };
+        let size = channel.size.as_dvec2();
+        let middle = size / 2.0;
         let along = |step: DVec2| {
             let ends = [middle - step / 2.0, middle + step / 2.0];
-            let [from, to] = ends.map(|place| screen.display_from_canvas(place));
+            let [from, to] = ends.map(|place| pixels.display_from_pixel(place));
             Some(to? - from?)
         };
-        let point = screen.display_from_canvas(middle);
+        let point = pixels.display_from_pixel(middle);
         let (Some(right), Some(down), Some(point)) = (along(DVec2::X), along(DVec2::Y), point)
         else {
             return unknown;
@@ -256,8 +258,9 @@ fn panned(camera: &Camera, eye: DVec3, pivot: DVec3, picture: &Picture, pan: DVe
 #[cfg(test)]
 mod tests {
     use glam::UVec2;
-    use polyptych_wall::surface::Plane;
-    use polyptych_wall::{Channel, Screen, Surface};
+    use polyptych_wall::projector::Projector;
+    use polyptych_wall::surface::{Cylinder, Plane};
+    use polyptych_wall::{Channel, ChannelKind, Screen, Surface};
 
     use super::*;
 
@@ -365,6 +368,45 @@ mod tests {
         // Half of a screen 4 m wide and 2 m away, at a depth of 10: 10 units.
         let camera = after(&camera(), |it| it.pan = DVec2::new(0.5, 0.0));
         assert!((seen(&camera, BOUNDS.center()) - DVec3::new(10.0, 0.0, -10.0)).length() < 1e-6);
+    }
+
+    /// The way in which the scene follows a mouse that moves to the right in this wall's window.
+    fn way_of_a_pan(wall: &Wall) -> DVec3 {
+        let picture = Picture::new(wall, ChannelId(0), DVec3::ZERO);
+        let navigation = Navigation { pan: DVec2::new(0.1, 0.0), ..Navigation::none("a") };
+        let next = moved(&camera(), DVec3::ZERO, &BOUNDS, &picture, &navigation);
+        let next = next.expect("in reach");
+        (seen(&next, BOUNDS.center()) - seen(&camera(), BOUNDS.center())).normalize()
+    }
+
+    #[test]
+    fn a_pan_goes_along_the_pixels_of_projectors_and_lenses() {
+        let mut wall = wall();
+        let mut thrown = |position: DVec3, rotation: DQuat| {
+            let tangents = [-0.3, 0.3, -0.2, 0.2];
+            let projector = Projector { position, rotation, tangents };
+            wall.channels[0].cover = ChannelKind::Projector(Box::new(projector));
+            way_of_a_pan(&wall)
+        };
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let rolled = thrown(DVec3::ZERO, DQuat::from_rotation_z(quarter));
+        assert!(rolled.abs_diff_eq(DVec3::Y, 1e-6), "{rolled}");
+        // Who looks at the picture of a rear projector sees the screen from behind.
+        let rear = thrown(DVec3::NEG_Z * 6.0, DQuat::from_rotation_y(2.0 * quarter));
+        assert!(rear.abs_diff_eq(DVec3::NEG_X, 1e-6), "{rear}");
+        // A lens, whose file alone says where pixels are, and a screen all around.
+        let round = Cylinder {
+            center: DVec3::ZERO,
+            rotation: DQuat::IDENTITY,
+            radius_m: 3.0,
+            azimuth_rad: [-2.0 * quarter, 2.0 * quarter],
+            height_m: [-1.0, 1.0],
+        };
+        let screen = Screen::new("round", Surface::Cylinder(round), UVec2::new(4096, 1024));
+        let mut lens = Channel::tile("a", 0, UVec2::ZERO, UVec2::splat(2048));
+        lens.cover = ChannelKind::Map;
+        let lens = way_of_a_pan(&Wall::new("w", vec![screen], vec![lens]));
+        assert!(lens.abs_diff_eq(DVec3::X, 1e-6), "{lens}");
     }
 
     #[test]
