@@ -51,8 +51,7 @@ pub(crate) struct BlendChannel<'a> {
     pub leak: DVec3,
     /// `true` if its own files share its light with others.
     is_blended_by_file: bool,
-    /// A ball around all that it lights, in metres of display space; `None` for none, or where
-    /// no one knows.
+    /// A ball around all that it lights, in metres of display space; `None` where no one knows.
     reach: Option<(DVec3, f64)>,
     /// Those that may light what it lights.
     pub neighbours: Vec<ChannelId>,
@@ -127,6 +126,11 @@ impl<'a> BlendChannel<'a> {
         let adjustment = &self.channel.adjustment;
         let is_formed = adjustment.pin != [DVec2::ZERO; 4] || adjustment.bend.is_some();
         self.channel.cover == ChannelKind::Tile && !is_formed
+    }
+
+    /// The size of its screen's canvas, in pixels; zero where the places of its own are not known.
+    pub fn canvas_size(&self) -> DVec2 {
+        self.map.as_ref().map_or(DVec2::ZERO, |map| map.screen().screen.canvas.as_dvec2())
     }
 
     /// Returns whether the places of its pixels are known.
@@ -224,12 +228,14 @@ impl<'a> BlendChannel<'a> {
         }
         let places = (0..=REACH_STEPS).flat_map(|y| (0..=REACH_STEPS).map(move |x| (x, y)));
         let place = |(x, y)| DVec2::new(f64::from(x), f64::from(y)) / f64::from(REACH_STEPS);
-        let lit: Vec<_> =
-            places.filter_map(|at| map.display_from_pixel(place(at) * self.size)).collect();
+        // Where some miss the screen, nobody knows what lies between the others and its end.
+        let lit: Option<Vec<DVec3>> =
+            places.map(|at| map.display_from_pixel(place(at) * self.size)).collect();
+        let lit = lit?;
         let middle = lit.iter().sum::<DVec3>() / lit.len() as f64;
         let radius = lit.iter().map(|point| point.distance(middle)).fold(0.0, f64::max);
         // What lies between the places looked at bulges by less than the steps between them.
-        (!lit.is_empty()).then_some((middle, radius * (1.0 + 4.0 / f64::from(REACH_STEPS))))
+        Some((middle, radius * (1.0 + 4.0 / f64::from(REACH_STEPS))))
     }
 
     /// Returns the product of the ramps from its edges at a place of its picture, from 0 to 1.

@@ -1,8 +1,8 @@
 //! Overlaps of channels' pictures, found by walks along their edges.
 //!
-//! A region that several channels light is bounded by edges of some of them, so that places just
-//! inside of all edges see every region that is no smaller than a step of the walk; steps shrink
-//! towards corners, so that regions at corners may be as small as a pixel.
+//! A region that several channels light is bounded by edges of some of them or of their screen, so
+//! that places just inside of all edges see every region that is no smaller than a step of the
+//! walk; steps shrink towards corners, so that regions at corners may be as small as a pixel.
 
 use glam::{DVec2, DVec3};
 
@@ -156,8 +156,17 @@ fn median(mut values: Vec<(f64, f64)>) -> Option<f64> {
     })
 }
 
-/// The most that channels which light a place along a channel's edges have together of what `of`
-/// says of each, the channel itself among them.
+/// Places of a canvas just inside of its edges.
+fn border(size: DVec2) -> Vec<DVec2> {
+    let across = walk(size.x).into_iter().map(|(x, _)| x);
+    let down = walk(size.y).into_iter().map(|(y, _)| y);
+    let rows = across.flat_map(|x| [BESIDE, size.y - BESIDE].map(|y| DVec2::new(x, y)));
+    let columns = down.flat_map(|y| [BESIDE, size.x - BESIDE].map(|x| DVec2::new(x, y)));
+    rows.chain(columns).collect()
+}
+
+/// The most that channels which light a place along a channel's edges, or its screen's, have
+/// together of what `of` says of each, the channel itself among them.
 pub(super) fn overlap_max(
     lamp: &BlendChannel<'_>,
     lamps: &[BlendChannel<'_>],
@@ -172,6 +181,12 @@ pub(super) fn overlap_max(
         for (at, _) in walk(edge.length) {
             let place = edge.place(lamp, at) + edge.inward * BESIDE;
             let Some(canvas) = lamp.canvas_from_edge(place) else { continue };
+            most = most.max(own + lit_by(lamp, lamps, canvas, &of));
+        }
+    }
+    // A screen that is small in all pictures ends before their edges.
+    for canvas in border(lamp.canvas_size()) {
+        if lamp.lit_pixel(canvas).is_some() {
             most = most.max(own + lit_by(lamp, lamps, canvas, &of));
         }
     }

@@ -4,12 +4,15 @@ mod eyes;
 mod random;
 pub(crate) mod walls;
 
-use glam::{DVec2, UVec2};
+use glam::{DQuat, DVec2, UVec2};
 use proptest::prelude::*;
 use walls::{askew, grid, tiles};
 
 use super::super::{BlendWidths, Eye, Ramps, Wall};
 use super::*;
+use crate::ChannelKind;
+use crate::projector::Projector;
+use crate::surface::{Cylinder, Surface};
 
 /// Maximum error of the sum of weights.
 const SUM_ERROR_MAX: f64 = 1.0 / 4096.0;
@@ -147,6 +150,30 @@ fn projectors_askew_share_planes_and_cylinders() {
         assert_sums(askew_error(&wall, 1), expected, name);
         assert_eq!(BlendModel::new(&wall).overlap_max(), expected, "{name}");
     }
+}
+
+/// A screen that of each picture only the middle finds, where places are looked at.
+#[test]
+fn projectors_share_a_screen_that_is_small_in_their_pictures() {
+    let mut wall = tiles([100, 80], &[([0, 0], [480, 320]); 2]);
+    wall.screens[0].surface = Surface::Cylinder(Cylinder {
+        center: DVec3::Z * 2.0,
+        rotation: DQuat::IDENTITY,
+        radius_m: 12.0,
+        azimuth_rad: [-0.5 / 12.0, 0.5 / 12.0],
+        height_m: [-0.4, 0.4],
+    });
+    for (channel, side) in wall.channels.iter_mut().zip([-1.0, 1.0]) {
+        channel.cover = ChannelKind::Projector(Box::new(Projector {
+            position: DVec3::X * (0.2 * side),
+            rotation: DQuat::from_rotation_y(0.045 * side),
+            tangents: [-0.577, 0.577, -0.385, 0.385],
+        }));
+    }
+    let blend = BlendModel::new(&wall);
+    assert_eq!(blend.neighbours(ChannelId(0)), [ChannelId(1)]);
+    assert_eq!(blend.overlap_max(), 2, "along the edges of the screen");
+    assert_sums(askew_error(&wall, 1), 2, "small");
 }
 
 #[test]
