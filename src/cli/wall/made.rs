@@ -4,10 +4,11 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, anyhow};
+use anyhow::{Context, anyhow, bail};
 use glam::{DVec3, Vec3};
 use image::{ImageFormat, Luma};
 use polyptych_text::counted;
+use polyptych_wall::warp::WARP_REACH_M_MAX;
 
 use super::super::say;
 use super::round;
@@ -108,6 +109,7 @@ impl Made {
     /// Writes the wall file and its maps into a folder, after the wall's own check. Nothing is
     /// written if one of them may not be.
     pub fn write(&self, folder: &Path, force: bool) -> anyhow::Result<()> {
+        self.screens.iter().try_for_each(MadeScreen::check_reach)?;
         let wall_file = folder.join("wall.toml");
         outputs::make_folder(folder)?;
         outputs::check_made(&wall_file, force, &self.inputs)?;
@@ -266,6 +268,20 @@ impl MadeScreen {
                 [canvas.min(16_384), (f64::from(canvas) * (high - low) / 360.0).ceil() as u32]
             }
             _ => [width, height],
+        }
+    }
+
+    /// Refuses points that lie further away than those of any map that is read.
+    fn check_reach(&self) -> anyhow::Result<()> {
+        let is_far = |point: &&DVec3| point.as_vec3().abs().max_element() > WARP_REACH_M_MAX;
+        match self.warp.iter().flatten().flatten().find(is_far) {
+            None => Ok(()),
+            Some(point) => bail!(
+                "screen {}: a pixel's point would be {point} m; maps are read up to \
+                 {WARP_REACH_M_MAX} m from the origin along each axis, so a smaller radius or \
+                 distance, or an eye nearer to the origin, would be right",
+                self.name
+            ),
         }
     }
 

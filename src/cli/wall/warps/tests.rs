@@ -94,6 +94,20 @@ fn points_are_three_numbers() {
 }
 
 #[test]
+fn a_dome_beyond_what_maps_may_hold_is_refused_and_not_written() {
+    let parent = tempfile::tempdir().expect("a folder");
+    let output = parent.path().join("dome");
+    for (eye, radius) in [(DVec3::Y, 1500.0), (DVec3::X * 998.0, 5.0)] {
+        let folder = Folder { name: None, eye, output: output.clone(), force: false };
+        let (pixels, offset) = ([64; 2], DVec3::ZERO);
+        let lens = FisheyeArguments { folder, pixels, degrees: 180.0, tilt: 0.0, radius, offset };
+        let error = lens.run().expect_err("too far").to_string();
+        assert!(error.contains("screen dome") && error.contains("1000 m"), "{error}");
+        assert!(!output.exists(), "it is written");
+    }
+}
+
+#[test]
 fn maps_that_a_person_made_are_kept_without_force() {
     let output = tempfile::tempdir().expect("a folder");
     let map = output.path().join("dome.pfm");
