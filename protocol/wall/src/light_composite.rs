@@ -14,7 +14,7 @@ use std::ops::Range;
 
 use glam::{DVec2, DVec3, UVec2};
 
-use super::blend::blend_channel::BlendChannel;
+use super::blend::blend_channel::{BlendChannel, Smoothness};
 use super::wall_geometry::ResolvedWall;
 use super::{
     Channel, ChannelCalibration, ChannelKind, Eye, Orientation, StereoPacking, TransferFunction,
@@ -224,17 +224,17 @@ impl<'a> LinearImage<'a> {
     }
 
     /// Calls `put` with each pixel of a row of the canvas that it lights, and the place of its
-    /// picture that does: exact where the span is bent, else between both ends.
+    /// picture that does: exact where the span is bent or a file says what is lit, else between
+    /// both ends.
     fn span(&self, y: u32, columns: Range<u32>, mut put: impl FnMut(u32, DVec2)) {
-        let place = |x: f64| self.lamp.pixel(DVec2::new(x, f64::from(y) + 0.5));
-        if self.lamp.channel.cover == ChannelKind::Map {
-            // Between the ends of a span a map may have holes, and ends.
-            let places = columns.map(|x| (x, place(f64::from(x) + 0.5)));
-            let lit = places.filter_map(|(x, pixel)| Some((x, pixel?)));
-            return lit
-                .filter(|(_, pixel)| self.lamp.contains(*pixel))
-                .for_each(|(x, p)| put(x, p));
+        let canvas = |x: f64| DVec2::new(x, f64::from(y) + 0.5);
+        let is_tile = self.lamp.channel.cover == ChannelKind::Tile;
+        if !is_tile && self.lamp.smoothness() == Smoothness::Faceted {
+            // Between the ends of a span a map or a mesh may have holes, and ends.
+            let lit = |x: u32| Some((x, self.lamp.lit_pixel(canvas(f64::from(x) + 0.5))?));
+            return columns.filter_map(lit).for_each(|(x, pixel)| put(x, pixel));
         }
+        let place = |x: f64| self.lamp.pixel(canvas(x));
         let (first, last) = (f64::from(columns.start) + 0.5, f64::from(columns.end) - 0.5);
         let found = (place(first), place(f64::midpoint(first, last)), place(last));
         let (a, middle, b) = match found {

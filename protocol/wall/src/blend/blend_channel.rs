@@ -179,7 +179,13 @@ impl<'a> BlendChannel<'a> {
 
     /// The place of its picture that lights a place of the canvas.
     pub fn lit_pixel(&self, canvas: DVec2) -> Option<DVec2> {
-        self.pixel(canvas).filter(|pixel| self.contains(*pixel))
+        if self.channel.cover == ChannelKind::Tile {
+            return self.pixel(canvas).filter(|pixel| self.contains(*pixel));
+        }
+        // What lies beside the picture needs no ray that says what stands before it.
+        let spot = self.spot_on(canvas)?;
+        let pixel = self.map.as_ref()?.pixel_at(spot.canvas, spot.point)?;
+        (self.contains(pixel) && self.faces(spot.point)).then_some(pixel)
     }
 
     /// Metres from a projector's lens along its axis to a spot; below zero behind it.

@@ -1,7 +1,19 @@
 //! The light of walls, against the single picture that they should show.
 
+use std::sync::Arc;
+
+use glam::{DQuat, Vec2, Vec3};
+use polyptych_files::blob::BlobHash;
+
 use super::super::blend::tests::walls::{askew, grid, tiles};
 use super::super::blend::{BlendMap, BlendModel, ChannelMasks, blend_map};
+use super::super::calibration_maps::CalibrationMaps;
+use super::super::projector::Projector;
+use super::super::wall_geometry::WallGeometry;
+use super::super::warp::{
+    CalibrationMap, ImportedMesh, ImportedVertex, MapCoordinates, WarpGeometry, WarpMap,
+};
+use super::super::{CalibrationFile, CalibrationFileKind, Surface};
 use super::*;
 
 /// Beside the rounding of codes there is that of weights to 16 bits: this share of a level.
@@ -148,6 +160,51 @@ fn codes_of_projectors_add_up_to_the_single_picture() {
             off.len()
         );
         assert!(off.len() > 40_000 && most_off < 1.0, "{most_off} levels");
+    }
+}
+
+/// A screen of three sheets in a file: a slit between two of them is dark, and a strip beside them
+/// lit, although both are narrower than what is looked at of a row.
+#[test]
+fn slits_of_a_mesh_are_dark_and_its_strips_lit() {
+    let mut wall = tiles([96, 8], &[([0, 0], [100, 20])]);
+    wall.channels[0].cover = ChannelKind::Projector(Box::new(Projector {
+        position: DVec3::ZERO,
+        rotation: DQuat::IDENTITY,
+        tangents: [-0.5, 0.5, -0.1, 0.1],
+    }));
+    let sheets: [[u16; 2]; 3] = [[0, 34], [39, 80], [83, 86]];
+    let vertex = |column: u16, v: f32| {
+        let place = Vec2::new(f32::from(column) / 96.0, v);
+        let value = Vec3::new(place.x - 0.5, 0.04 - 0.08 * v, -2.0);
+        ImportedVertex { place, value, light: 1.0 }
+    };
+    let corners = |[left, right]: [u16; 2]| {
+        [vertex(left, 0.0), vertex(right, 0.0), vertex(left, 1.0), vertex(right, 1.0)]
+    };
+    let vertices = sheets.map(corners).concat();
+    let triangles = [0, 4, 8].map(|at| [[at, at + 1, at + 2], [at + 2, at + 1, at + 3]]).concat();
+    let shape = WarpGeometry::Mesh(ImportedMesh { vertices, triangles });
+    let map = Arc::new(CalibrationMap::Warp(WarpMap { space: MapCoordinates::Display, shape }));
+    wall.screens[0].surface = Surface::Mesh(0);
+    wall.files.push(CalibrationFile {
+        path: "sheets.obj".into(),
+        kind: CalibrationFileKind::ScreenMesh,
+        blob: Some(BlobHash([7; 32])),
+        is_for_one_eye: false,
+        front: Vec::new(),
+    });
+    let maps = CalibrationMaps::load(&wall, |_| Ok(Arc::clone(&map))).expect("sound");
+    let shapes = WallGeometry::new(&wall, &maps);
+    let rgba = vec![255; 4 * 100 * 20];
+    let picture = [DisplayImage { channel: ChannelId(0), rgba: &rgba }];
+    let of = ResolvedWall { wall: &wall, shapes: &shapes };
+    let shown = LightComposite::new(of, 0, StereoEye::Left, &picture);
+    for y in 0..8 {
+        for (x, light) in (0..).zip(shown.row(y)) {
+            let is_lit = sheets.iter().any(|[left, right]| (*left..*right).contains(&x));
+            assert_eq!(light.is_some(), is_lit, "({x}, {y})");
+        }
     }
 }
 
