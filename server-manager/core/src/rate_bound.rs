@@ -209,7 +209,9 @@ impl RateBound {
     fn fall(&mut self, from: Reduction) {
         let px = from.number();
         let slow_px = self.slow.number();
-        let least = if self.hold > 0 { (slow_px * RISE_FACTORS[0]).min(px) } else { 0.0 };
+        // Above 0, or one that is too slow at 0 would be there again at once.
+        let floor = (slow_px * RISE_FACTORS[0]).max(STEP_PX).min(px);
+        let least = if self.hold > 0 { floor } else { 0.0 };
         let lower = (px * FALL_FACTOR).max(least);
         let lower = Reduction::new(if lower < STEP_PX { least } else { lower });
         let more = lower.pixels_of(from);

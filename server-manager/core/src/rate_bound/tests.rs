@@ -85,6 +85,16 @@ fn it_comes_near_the_best_constant_bound_and_stays_there() {
 }
 
 #[test]
+fn full_detail_that_is_too_slow_is_tried_ever_more_rarely() {
+    let model = Model { fixed_us: 8e3, full_us: 60e3, half_px: 0.05, power: 1.4 };
+    let (bounds, late) =
+        run(&mut RateBound::default(), &asked(0.0), 2_000, |_, px| model.draw_us(px));
+    // The first frame, and one after each of the holds of 32, 64, 128, 256 and 512 frames.
+    assert!((2..=10).contains(&late), "{late} late frames");
+    assert!(bounds.iter().all(|px| (0.0..=0.1).contains(px)), "{bounds:?}");
+}
+
+#[test]
 fn a_load_step_up_is_followed_within_frames_and_one_down_slowly() {
     let heavy = Model { full_us: CITY.full_us * 4.0, ..CITY };
     let mut bound = RateBound::default();
