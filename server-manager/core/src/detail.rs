@@ -36,6 +36,7 @@ impl Cluster {
     /// Bounds error and rate from the next frame on.
     pub(super) fn set_bounds(&mut self, bounds: QualityBounds) -> Result<(), String> {
         bounds.validate()?;
+        self.rate_bound.set_rate(self.presentation.bounds.rate_fps, bounds.rate_fps);
         self.presentation.bounds = bounds;
         Ok(())
     }

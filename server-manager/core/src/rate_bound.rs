@@ -119,9 +119,21 @@ impl RateBound {
         asked.rate_fps.is_some() && self.unmet >= UNMET_FRAMES
     }
 
-    /// Forgets: another scene takes another time.
+    /// Forgets: another scene takes another time, and a lower rate leaves more.
     pub fn restart(&mut self) {
         *self = Self::default();
+    }
+
+    /// Takes another rate, in frames per second; `None` for none. Where it asks for less, all that
+    /// the one before cost goes at once, since a wall that is paused has no frames to lower it
+    /// with. That the one before was not kept says nothing of a higher one either.
+    pub fn set_rate(&mut self, before: Option<f64>, rate: Option<f64>) {
+        let asks_less = |rate: f64| before.is_some_and(|before| rate < before);
+        if rate.is_none_or(asks_less) {
+            self.restart();
+        } else if rate != before {
+            self.unmet = 0;
+        }
     }
 
     /// Takes the time in which the slowest server drew a frame that the wall waited for, with this

@@ -162,6 +162,46 @@ fn a_rate_that_no_detail_keeps_is_told_with_the_channel() {
     assert_eq!(stage.detail(), DetailBound::default());
 }
 
+/// A wall that is paused draws no frame that would bring its detail back.
+#[test]
+fn a_lower_rate_brings_detail_back_before_the_next_frame() {
+    let rate = |rate_fps| QualityBounds { error_px: 0.0, rate_fps };
+    for lower in [&[Some(10.0)][..], &[None, Some(10.0)]] {
+        let mut stage = ClusterFixture::new(2);
+        stage.bound(rate(Some(1000.0)));
+        for _ in 0..40 {
+            stage.bounded_frame(|_| [30_000; 2]);
+        }
+        let status = stage.cluster.status(stage.now);
+        assert_eq!((status.error_in_force_px, status.resolution_scale), (ERROR_PX_MAX, 0.25));
+        assert_eq!(status.warnings.len(), 1, "{:?}", status.warnings);
+        lower.iter().for_each(|&rate_fps| stage.bound(rate(rate_fps)));
+        let status = stage.cluster.status(stage.now);
+        assert_eq!((status.error_in_force_px, status.resolution_scale), (0.0, 1.0), "{lower:?}");
+        assert!(status.warnings.is_empty(), "{:?}", status.warnings);
+    }
+}
+
+/// That a rate is not kept is known of that rate, after frames with it.
+#[test]
+fn a_higher_rate_is_not_said_to_be_missed_before_a_frame() {
+    let mut stage = ClusterFixture::new(2);
+    stage.bound(RATE);
+    for _ in 0..60 {
+        stage.bounded_frame(|_| [60_000, 10_000]);
+    }
+    let is_missed = |stage: &ClusterFixture| {
+        let warnings = stage.cluster.status(stage.now).warnings;
+        warnings.iter().any(|told| told.contains("is not kept"))
+    };
+    assert!(is_missed(&stage));
+    stage.bound(QualityBounds { error_px: 1.0, ..RATE });
+    assert!(is_missed(&stage), "the same rate");
+    stage.bound(QualityBounds { rate_fps: Some(25.0), ..RATE });
+    assert!(!is_missed(&stage));
+    assert_eq!(stage.cluster.status(stage.now).resolution_scale, 0.25, "it needs no more detail");
+}
+
 #[test]
 fn servers_that_wait_for_a_swap_lead_have_less_time_to_draw() {
     // Leads, depths of the pipeline and drawing times in milliseconds, of a period of 50.
