@@ -157,6 +157,11 @@ pub(crate) struct RenderThread {
     uploads_ended: Instant,
     /// The scene as clips moved it in the last frame, if they did.
     moment: Option<DrawnMoment>,
+    /// The beginning of the last frame, before its scene was moved.
+    frame_began: Instant,
+    /// The time that moving a scene seems to take, though none passes.
+    #[cfg(test)]
+    moving_takes: Duration,
     building: Option<SceneBuilder>,
     /// The reason why the scene that comes cannot be built.
     build_fault: Option<String>,
@@ -205,6 +210,9 @@ impl RenderThread {
             states: VecDeque::new(),
             uploads_ended: Instant::now(),
             moment: None,
+            frame_began: Instant::now(),
+            #[cfg(test)]
+            moving_takes: Duration::ZERO,
             building: None,
             build_fault: None,
             relayout: None,

@@ -25,7 +25,7 @@ struct ChannelFrame<S> {
     /// The index of its output.
     index: usize,
     id: ChannelId,
-    /// The time in which it was begun.
+    /// The time in which it was begun; for the first one, since the frame began.
     begin: Duration,
     /// The state of its drawing.
     step: S,
@@ -60,6 +60,7 @@ impl RenderThread {
     /// Draws a frame on all channels, where its state is here. It may be shown on those that could.
     pub(super) fn draw(&mut self, frame: &Frame) {
         let _span = tracing::error_span!("draw", frame = frame.frame.0).entered();
+        self.frame_began = Instant::now();
         if !self.promote(frame.epoch, frame.revision) {
             return;
         }
@@ -72,16 +73,15 @@ impl RenderThread {
         let scene = Rc::clone(&drawable.scene);
         let scene = self.scene_at(scene, state.motion.as_deref(), &frame.clips);
         let Some(wall) = state.replica.wall.as_deref() else { return };
-        let began = Instant::now();
-        let (mut is_whole, mut begun) = (true, Vec::with_capacity(self.outputs.len()));
-        let key = (frame.epoch, frame.frame);
+        // The first channel's time has that of moving the scene, once for all channels.
+        let (mut start, mut begun) = (self.frame_began, Vec::with_capacity(self.outputs.len()));
+        let (key, mut is_whole) = ((frame.epoch, frame.frame), true);
         let failed = |this: &Self, id, reason| {
             this.send(render_event::draw_failed(frame.frame, id, reason));
             false
         };
         for index in 0..self.outputs.len() {
             let Some((id, _)) = wall.channel_by_name(&self.outputs[index].name) else { continue };
-            let start = Instant::now();
             if let Some(kind) = self.drawing.slowness.wait() {
                 self.gpu.give_up(kind, "it was to be so, for a test");
             }
@@ -89,6 +89,7 @@ impl RenderThread {
                 Ok(step) => begun.push(ChannelFrame { index, id, begin: start.elapsed(), step }),
                 Err(reason) => is_whole = failed(self, id, reason),
             }
+            start = Instant::now();
         }
         let (mut before, mut submitted) = (Instant::now(), Vec::with_capacity(begun.len()));
         for channel in begun {
@@ -122,8 +123,8 @@ impl RenderThread {
         if frame.is_metered && is_drawn {
             self.to_meter = Some(Box::new(frame.clone()));
         }
-        let now = self.manager_us();
-        if is_drawn && let Some(act) = self.playback.frame_drawn(frame, began.elapsed(), now) {
+        let (took, now) = (self.frame_began.elapsed(), self.manager_us());
+        if is_drawn && let Some(act) = self.playback.frame_drawn(frame, took, now) {
             self.perform(act);
         }
     }

@@ -25,6 +25,11 @@ impl RenderThread {
         motion: Option<&Motion>,
         clips: &[ClipTime],
     ) -> Rc<GpuScene> {
+        #[cfg(test)]
+        {
+            let earlier = self.frame_began.checked_sub(self.moving_takes);
+            self.frame_began = earlier.expect("an instant so long ago");
+        }
         let Some(motion) = motion.filter(|motion| motion.is_moved_by(clips)) else {
             self.moment = None;
             return still;

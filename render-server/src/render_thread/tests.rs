@@ -306,6 +306,30 @@ fn a_wall_whose_displays_are_turned_and_curved_shows_it_from_the_next_frame_on()
     assert_eq!(stage.show(0.5, OutputMode::Normal), upright, "and as before");
 }
 
+/// The rate bound follows the times of a server's channels, all of them together.
+#[test]
+fn the_time_in_which_a_scene_is_moved_counts_once_for_all_channels() {
+    let mut stage = RenderThreadFixture::new();
+    let output = ChannelOutput::offscreen(&stage.thread.gpu, "front-2-1", SIZE, None);
+    stage.thread.outputs.push(output);
+    let mut both = wall();
+    both.screens[0].canvas.x *= 2;
+    let origin = UVec2::new(SIZE[0], 0);
+    let beside = Channel { name: "front-2-1".into(), origin, ..both.channels[0].clone() };
+    both.channels.push(beside);
+    stage.prepare(both);
+    stage.thread.moving_takes = Duration::from_mins(30);
+    stage.draw(0.5, OutputMode::Normal);
+    let reports = std::iter::from_fn(|| stage.reports.try_recv().ok());
+    let times = reports.filter_map(|report| match report {
+        RenderEvent::Status(ServerMessage::Drawn(drawn)) => Some(drawn.draw_us),
+        _ => None,
+    });
+    let times: Vec<u32> = times.collect();
+    let moving_us = 30 * 60 * 1_000_000;
+    assert!(times.len() == 2 && times[0] >= moving_us && times[1] < moving_us, "{times:?}");
+}
+
 #[test]
 fn a_mode_changes_what_is_seen_and_not_what_is_captured() {
     let mut stage = RenderThreadFixture::new();
