@@ -306,7 +306,7 @@ pub struct Statistics {
     pub largest_error_px: f64,
     /// Bytes of the scene's meshes and textures on the GPU of the server that has most of them.
     pub gpu_bytes: u64,
-    /// The channel that drew longest in most frames.
+    /// The channel that limited most frames: see [`DrawnDetail::limiting_channel`].
     #[serde(deserialize_with = "text_of_peer")]
     pub limiting_channel: Option<String>,
     /// Control bytes in both directions for one frame, over all channels.

@@ -103,7 +103,8 @@ pub struct DrawnDetail {
     /// The largest error of what any channel drew or left out, in pixels of the wall; at most the
     /// bound in force, unless the wall's budget of GPU memory holds too little detail for that.
     pub largest_error_px: f64,
-    /// The channel that drew longest, of those that the frame waited for.
+    /// The channel that drew longest on the server that drew longest for all of its channels, of
+    /// those that the frame waited for.
     #[serde(deserialize_with = "text_of_peer")]
     pub limiting_channel: Option<String>,
     /// The pixels that were drawn along each side, as a share of the wall's: 0.25 to 1.

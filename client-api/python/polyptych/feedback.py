@@ -154,7 +154,8 @@ class DrawnDetail:
     error_in_force_px: float
     #: The largest error of what any channel drew or left out, in pixels of the wall.
     largest_error_px: float
-    #: The channel that drew longest, of those that the frame waited for.
+    #: The channel that drew longest on the server that drew longest for all of its channels,
+    #: of those that the frame waited for.
     limiting_channel: Optional[str]
     #: The pixels that were drawn along each side, as a share of the wall's: 0.25 to 1.
     resolution_scale: float

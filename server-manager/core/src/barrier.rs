@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::frame_request::{FrameRequest, OutputChange};
 use super::reduction::Reduction;
+use super::registry::Registry;
 use super::statistics::FrameFacts;
 use super::{ClientRequest, Cluster, Effect, Micros, SessionId, span};
 
@@ -127,10 +128,13 @@ impl Barrier {
         untried.map(|(_, us)| *us).max()
     }
 
-    /// The channel that took longest to draw, of those that the frame waited for.
-    pub fn limiting_channel(&self) -> Option<ChannelId> {
+    /// The channel that took longest to draw on the server that drew longest, of those that the
+    /// frame waited for.
+    pub fn limiting_channel(&self, registry: &Registry) -> Option<ChannelId> {
         let awaited = self.drawn.values().filter(|drawn| self.awaited.contains(&drawn.channel));
-        awaited.max_by_key(|drawn| drawn.draw_us).map(|drawn| drawn.channel)
+        let busy_us = |id: ChannelId| self.busy_us.get(&registry.channel(id)?.server?);
+        let longest = awaited.max_by_key(|drawn| (busy_us(drawn.channel), drawn.draw_us));
+        longest.map(|drawn| drawn.channel)
     }
 
     /// Returns the time that the deadline learns from, in microseconds: the slowest server's, but
@@ -433,7 +437,7 @@ impl Cluster {
         let is_awaited = !barrier.awaited.is_empty();
         let has_missed = !barrier.waited.is_empty();
         let is_complete = feedback.is_complete();
-        let limiting = barrier.limiting_channel();
+        let limiting = barrier.limiting_channel(&self.registry);
         let is_ahead = barrier.is_ahead;
         let resolution_steps = barrier.reduction.resolution_steps();
         let facts = FrameFacts {

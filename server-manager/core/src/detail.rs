@@ -1,14 +1,16 @@
 //! The level of detail of frames: one decision for all channels.
 
+use std::collections::BTreeMap;
+
 use polyptych_protocol::quality_bounds::{
     DetailBound, DrawnDetail, ERROR_PX_MAX, QualityBounds, RESOLUTION_STEPS_MAX, resolution_scale,
 };
 use polyptych_wall::head::HeadPose;
 use polyptych_wall::view::View;
 
-use super::Cluster;
 use super::barrier::Barrier;
 use super::rate_bound::budget_us;
+use super::{Cluster, Micros, SessionId};
 
 /// Maximum error that a server may report as a multiple of the bound in force, or in pixels if that
 /// is 0: more than the pixels of the longest canvas.
@@ -77,7 +79,8 @@ impl Cluster {
         let largest = f64::from(fractions.fold(0.0, f32::max));
         let is_in_pixels = is_limited && barrier.error_px == 0.0;
         let unit_px = if is_in_pixels { 1.0 } else { barrier.error_px };
-        let limiting = barrier.limiting_channel().and_then(|id| self.wall.channel(id));
+        let limiting = barrier.limiting_channel(&self.registry);
+        let limiting = limiting.and_then(|id| self.wall.channel(id));
         DrawnDetail {
             error_in_force_px: barrier.error_px,
             largest_error_px: unit_px * largest,
@@ -115,25 +118,47 @@ impl Cluster {
                 self.wall.sync.swap_lead_ms
             ));
         }
-        let slowest = self.registry.channels().max_by_key(|(_, channel)| channel.draw_us);
-        let name = slowest.map_or("?", |(_, channel)| channel.name.as_str());
+        let (name, channels, draw_us) = self.slowest_server().unwrap_or(("?", 1, 0));
+        let (who, of_all) = if channels > 1 {
+            (format!("the server of channel {name}"), format!(" for its {channels} channels"))
+        } else {
+            (format!("channel {name}"), String::new())
+        };
+        let draw_ms = draw_us as f64 / 1000.0;
         if self.rate_bound.is_unmet(bounds) {
-            let draw_ms = slowest.and_then(|(_, of)| of.draw_us).unwrap_or(0) as f64 / 1000.0;
             let least = 100.0 * resolution_scale(RESOLUTION_STEPS_MAX);
             return Some(format!(
-                "the rate bound of {rate} frames per second is not kept: channel {name} draws \
-                 {draw_ms:.1} ms even with an error of {ERROR_PX_MAX} pixels and {least} % of the \
-                 pixels along each side; lower the bound, or the pixels of the channel"
+                "the rate bound of {rate} frames per second is not kept: {who} draws \
+                 {draw_ms:.1} ms{of_all} even with an error of {ERROR_PX_MAX} pixels and {least} % \
+                 of the pixels along each side; lower the bound, or the pixels of the channel"
             ));
         }
         let scale = self.resolution_scale();
         (scale < 1.0).then(|| {
             format!(
                 "the wall draws {:.0} % of its pixels along each side to keep {rate} frames per \
-                 second: channel {name} is the slowest; lower the rate bound, or the pixels of the \
-                 channel",
+                 second: {who} is the slowest, with {draw_ms:.1} ms{of_all}; lower the rate bound, \
+                 or the pixels of the channel",
                 100.0 * scale
             )
         })
+    }
+
+    /// The server that drew longest for all of its channels, one after another: the name of the
+    /// one that took longest, the number of its channels that drew, and the time of all of them.
+    fn slowest_server(&self) -> Option<(&str, usize, Micros)> {
+        let mut servers: BTreeMap<SessionId, Vec<(u32, &str)>> = BTreeMap::new();
+        for (_, channel) in self.registry.channels() {
+            if let (Some(server), Some(draw_us)) = (channel.server, channel.draw_us) {
+                servers.entry(server).or_default().push((draw_us, channel.name.as_str()));
+            }
+        }
+        let sums = servers.values().map(|channels| {
+            let sum_us: Micros = channels.iter().map(|(draw_us, _)| Micros::from(*draw_us)).sum();
+            (sum_us, channels)
+        });
+        let (sum_us, channels) = sums.max_by_key(|(sum_us, _)| *sum_us)?;
+        let &(_, name) = channels.iter().max()?;
+        Some((name, channels.len(), sum_us))
     }
 }

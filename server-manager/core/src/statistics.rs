@@ -88,7 +88,7 @@ struct ChannelSamples {
     /// Microseconds of each pass, of so many frames that tell.
     passes_us: BTreeMap<FramePass, u64>,
     measured: u64,
-    /// Frames in which it drew longest.
+    /// Frames that it limited: it drew longest on the server that did.
     limiting: u64,
 }
 
@@ -104,7 +104,7 @@ pub(super) struct FrameFacts {
     /// The longest drawing time of a server for the channels that it waited for, in microseconds;
     /// `None` if none of these had drawn.
     pub slowest_us: Option<u32>,
-    /// The channel that drew longest.
+    /// The channel that drew longest on the server that drew longest.
     pub limiting: Option<ChannelId>,
     /// The steps by which its resolution was lowered.
     pub resolution_steps: u8,

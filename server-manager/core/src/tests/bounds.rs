@@ -202,6 +202,40 @@ fn a_higher_rate_is_not_said_to_be_missed_before_a_frame() {
     assert_eq!(stage.cluster.status(stage.now).resolution_scale, 0.25, "it needs no more detail");
 }
 
+/// A server draws its channels one after another: the longest of them all is not what limits.
+#[test]
+fn a_server_of_several_channels_limits_with_the_time_of_all_of_them() {
+    let mut stage = ClusterFixture::of(wall(5));
+    for (session, of) in [(0, 0..1), (1, 1..5)] {
+        let channels: Vec<String> = of.map(|channel| format!("c{channel}")).collect();
+        let adapter = Adapter { texture_side_max: 8192, ..Adapter::default() };
+        let hello = ServerHello { name: channels[0].clone(), channels, pid: 100, adapter };
+        let (from, now) = (SessionId(session), stage.now);
+        stage.cluster.handle_server(now, from, hello, "127.0.0.1:9".into()).expect("joined");
+        stage.read();
+    }
+    stage.prepare_all();
+    stage.bound(RATE);
+    stage.request(Request::Statistics { reset: true });
+    for _ in 0..60 {
+        stage.replies.clear();
+        stage.order_frame();
+        stage.wait(60_000);
+        for (channel, draw_us) in (0u32..).zip([40_000, 13_000, 14_000, 16_000, 13_000]) {
+            let drawn = FrameRendered { draw_us, ..stage.drawn(channel) };
+            stage.say(SessionId(u64::from(channel.min(1))), ServerMessage::Drawn(drawn));
+        }
+    }
+    let Some((_, Ok(Response::Frame(feedback)))) = stage.replies.pop() else { panic!("none") };
+    assert_eq!(feedback.detail.limiting_channel.as_deref(), Some("c3"));
+    stage.request(Request::Statistics { reset: false });
+    let Some((_, Ok(Response::Statistics(all)))) = stage.replies.pop() else { panic!("none") };
+    assert_eq!(all.limiting_channel.as_deref(), Some("c3"));
+    let warnings = stage.cluster.status(stage.now).warnings;
+    let told = "the server of channel c3 draws 56.0 ms for its 4 channels even with";
+    assert!(warnings.iter().any(|warning| warning.contains(told)), "{warnings:?}");
+}
+
 #[test]
 fn servers_that_wait_for_a_swap_lead_have_less_time_to_draw() {
     // Leads, depths of the pipeline and drawing times in milliseconds, of a period of 50.
