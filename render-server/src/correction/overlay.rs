@@ -3,6 +3,7 @@
 //! over the channel's picture by the pixels that show it.
 
 use glam::{DMat3, DVec3};
+use polyptych_protocol::quality_bounds::resolution_scale;
 use polyptych_renderer::{AtlasViewDesc, Correction, CorrectionMesh, EyeAtlas, Gpu};
 use polyptych_wall::calibration_maps::CalibrationMaps;
 use polyptych_wall::view::{Area, CanvasRect, PointSpace, View, ViewProjection};
@@ -32,8 +33,8 @@ pub(super) struct OverlayMesh {
     pub shape: CorrectionMesh,
     part: CanvasRect,
     mesh: WarpMesh,
-    /// For a camera's own picture.
-    plan: Option<OverlayView>,
+    /// For a camera's own picture: the plan, with the steps by which its resolution is lowered.
+    plan: Option<(OverlayView, u8)>,
     /// The pictures of the last eyes, for the wall's frusta.
     shots: Option<EyeViews>,
 }
@@ -75,7 +76,7 @@ impl Overlay {
         }
         let side_max = gpu.info().texture_side_max;
         let plan = is_own.then(|| OverlayView::new(&mesh, side_max)).transpose();
-        let plan = plan.map_err(|error| named(error.to_string()))?;
+        let plan = plan.map_err(|error| named(error.to_string()))?.map(|plan| (plan, 0));
         let shape = correction.shape(gpu, &mesh).map_err(|error| named(error.to_string()))?;
         Ok(lay(Some(OverlayMesh { shape, part, mesh, plan, shots: None })))
     }
@@ -105,17 +106,23 @@ impl OverlayMesh {
         let OverlayContext { gpu, shaped, channel: id, .. } = ground;
         let wall = shaped.wall;
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
-        let Some(plan) = &self.plan else {
+        let side_max = gpu.info().texture_side_max;
+        let Some((plan, steps)) = &mut self.plan else {
             let known = self.shots.take().filter(|shots| shots.matches(eyes, resolution_steps));
             let shots = if let Some(shots) = known {
                 shots
             } else {
-                let side_max = gpu.info().texture_side_max;
                 let mesh = (&self.mesh, MeshPart::View);
                 EyeViews::of_mesh(wall, id, mesh, eyes, (side_max, resolution_steps))?
             };
             return Ok(self.shots.insert(shots).clone());
         };
+        if *steps != resolution_steps {
+            let share = resolution_scale(resolution_steps);
+            let reduced = OverlayView::reduced(&self.mesh, side_max, share);
+            *plan = reduced.map_err(|error| format!("channel {}: {error}", channel.name))?;
+            *steps = resolution_steps;
+        }
         let rect = plan.plane.rect;
         let sight = ViewTransform {
             is_stereo_wall: frame_views::is_stereo(wall),

@@ -34,6 +34,15 @@ impl OverlayView {
     /// # Errors
     /// A mesh of nothing.
     pub fn new(mesh: &WarpMesh, side_max: u32) -> Result<Self, AtlasError> {
+        Self::reduced(mesh, side_max, 1.0)
+    }
+
+    /// A plan as [`Self::new`] makes it, with this share of the pixels along each side: above 0,
+    /// and at most 1.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`].
+    pub fn reduced(mesh: &WarpMesh, side_max: u32, share: f64) -> Result<Self, AtlasError> {
         let facets = view_triangles(mesh, DVec3::ZERO, MeshPart::View)?;
         let pixels = facets.iter().map(|facet| facet.area).sum::<f64>();
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
@@ -49,7 +58,7 @@ impl OverlayView {
         let is_one = (scale - 1.0).abs().cmplt(DVec2::splat(SCALE_ROUNDING));
         let scale = DVec2::select(is_one, DVec2::ONE, scale);
         let most = (pixels * SOURCE_SHARE_MAX).max(1.0);
-        let cut = (most / (span * scale).element_product()).sqrt().min(1.0);
+        let cut = (most / (span * scale).element_product()).sqrt().min(1.0) * share;
         let room = f64::from(side_max.saturating_sub(2 * SOURCE_GUARD).max(1));
         let sides = (span * scale * cut).ceil().min(DVec2::splat(room)).max(DVec2::ONE);
         let density = group.density(sides).map_or(DVec2::ONE, |density| density.across_down);

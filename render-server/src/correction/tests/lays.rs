@@ -326,6 +326,28 @@ fn a_screen_in_a_file_has_the_picture_by_its_own_places() {
     assert!(said.starts_with("channel curve: ") && said.contains("a plane, a cylinder"), "{said}");
 }
 
+#[test]
+fn views_with_a_camera_of_their_own_have_the_resolution_in_force() {
+    let wall = wall(cylinder(1.2, DQuat::IDENTITY), [480, 268]);
+    let maps = CalibrationMaps::default();
+    let plan =
+        CorrectionPlan::new(&wall, &maps, ChannelId(0)).expect("a plan").expect("a correction");
+    for projection in lenses() {
+        let mut corrector = Corrector::new(gpu(), plan.clone(), &wall, None).expect("a corrector");
+        let mut frame = frame(wall.head());
+        frame.presentation.views = vec![away(), laid([40, 20, 400, 220], projection)];
+        let texels = [0, 4, 0].map(|steps| {
+            frame.detail.resolution_steps = steps;
+            let layers = corrector.layers(gpu(), &wall, &frame).expect("both layers");
+            layers[1].shots.size.map(f64::from).iter().product::<f64>()
+        });
+        // A half along each side, and a guard of as many texels at either resolution.
+        let share = texels[1] / texels[0];
+        assert!((0.24..0.28).contains(&share), "{projection:?}: {share} of the texels");
+        assert_eq!(texels[2], texels[0], "{projection:?}");
+    }
+}
+
 /// The wall's own frusta with another camera, on a part of a curve: there as that camera alone
 /// would have it on all of it, and as before beside it.
 #[test]
