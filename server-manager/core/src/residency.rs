@@ -123,8 +123,10 @@ impl Cluster {
     /// Returns the time at which servers are told of other places, if they are to be.
     pub(super) fn next_residency(&self) -> Option<Micros> {
         let _ = self.detail_reach()?;
-        let has_room = self.changes.expect_room().is_ok();
-        let is_due = has_room && !self.is_choosing_part() && !self.is_served();
+        // Behind a scene it would be of no use, and a scene that another change waits behind is
+        // given up sooner.
+        let is_free = self.changes.expect_room().is_ok() && !self.changes.has_scene_underway();
+        let is_due = is_free && !self.is_choosing_part() && !self.is_served();
         is_due.then_some(self.residency.not_before)
     }
 

@@ -11,7 +11,7 @@ fn imported(name: &str) -> ImportedScene {
 }
 
 impl ClusterFixture {
-    fn open(&mut self, name: &str) -> RequestId {
+    pub(super) fn open(&mut self, name: &str) -> RequestId {
         let id = self.request(Request::OpenScene { path: format!("{name}.glb"), scene: None });
         let job = self.imports.pop().expect("an import");
         self.cluster.handle_import(self.now, job, Ok(imported(name)));
@@ -19,7 +19,7 @@ impl ClusterFixture {
         id
     }
 
-    fn reply(&self, id: RequestId) -> Option<&Result<Response, RequestError>> {
+    pub(super) fn reply(&self, id: RequestId) -> Option<&Result<Response, RequestError>> {
         self.replies.iter().find(|(of, _)| *of == id).map(|(_, reply)| reply)
     }
 

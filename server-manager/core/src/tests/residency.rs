@@ -289,6 +289,21 @@ fn a_part_that_comes_after_it_was_given_up_costs_no_display() {
 }
 
 #[test]
+fn a_camera_that_moves_takes_no_time_from_a_scene_on_its_way() {
+    let mut stage = ClusterFixture::limited();
+    stage.look(at(10.0));
+    stage.prepare_all();
+    stage.wait(1_000);
+    stage.draw(&[0, 1], 1_000);
+    let large = stage.open("large");
+    stage.look(at(60.0));
+    stage.live_for(600_000_000);
+    assert_eq!(stage.reply(large), None, "no display is ready for it, and no change waits");
+    stage.prepare_all();
+    assert!(matches!(stage.reply(large), Some(Ok(Response::SceneOpened(_)))));
+}
+
+#[test]
 fn servers_that_hold_all_are_told_nothing() {
     for (wall, reach) in [(limited(2), None), (wall(2), Some(REACH))] {
         let mut stage = ClusterFixture::live(wall);
