@@ -158,6 +158,9 @@ impl Cluster {
             }
             let digest = replica.digest();
             let is_part = matches!(change.purpose, ChangeOrigin::Residency);
+            if is_part {
+                self.residency.begin_part(now);
+            }
             let expires = now
                 + match change.opened() {
                     Some(_) => OPEN_PROGRESS_PERIOD,
@@ -284,7 +287,7 @@ impl Cluster {
         self.shown_digest = digest;
         match change.purpose {
             ChangeOrigin::Scene { job, summary, outline, next_node, session } => {
-                self.residency.forget_failures();
+                self.residency.end_scene();
                 self.editing.restart(self.shown.revision, outline);
                 self.editing.restore(self.shown.edits.clone(), next_node);
                 self.settle_scene(now, job, (summary, session), &failed);

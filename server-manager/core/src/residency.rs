@@ -35,7 +35,7 @@ const PART_TIME_MAX: Micros = 10_000_000;
 pub(super) struct Residency {
     /// The places that the last frame was seen from; none where no budget limits what is held.
     places: Vec<SeenFrom>,
-    /// The last part was asked for.
+    /// The time at which servers were asked for the last part.
     asked_at: Micros,
     /// No other part is asked for before.
     not_before: Micros,
@@ -54,8 +54,19 @@ pub(super) struct Residency {
 
 impl Residency {
     /// The next part has the time of a first one.
-    pub(super) fn forget_failures(&mut self) {
+    fn forget_failures(&mut self) {
         (self.failures, self.is_failure_told) = (0, false);
+    }
+
+    /// Servers are asked for another part now: it has waited for its turn.
+    pub(super) fn begin_part(&mut self, now: Micros) {
+        self.asked_at = now;
+    }
+
+    /// Another scene is shown: nothing that was learnt of the parts of the last one holds for it.
+    pub(super) fn end_scene(&mut self) {
+        self.forget_failures();
+        (self.not_before, self.is_new, self.first_frame) = (0, false, None);
     }
 }
 
@@ -135,7 +146,6 @@ impl Cluster {
         if self.next_residency().is_none_or(|at| now < at) {
             return;
         }
-        self.residency.asked_at = now;
         let operations = vec![Operation::SetSeenFrom(self.residency.places.clone())];
         self.request_change(now, StateChange { operations, purpose: ChangeOrigin::Residency });
     }

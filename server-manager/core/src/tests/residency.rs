@@ -1,5 +1,6 @@
 //! What servers hold of a scene follows where it is seen from, in one frame for all.
 
+use polyptych_protocol::environment::{Environment, EnvironmentSource};
 use polyptych_protocol::state_log::Operation;
 use polyptych_scene::residency::SeenFrom;
 
@@ -301,6 +302,38 @@ fn a_camera_that_moves_takes_no_time_from_a_scene_on_its_way() {
     assert_eq!(stage.reply(large), None, "no display is ready for it, and no change waits");
     stage.prepare_all();
     assert!(matches!(stage.reply(large), Some(Ok(Response::SceneOpened(_)))));
+}
+
+#[test]
+fn a_part_that_waited_for_its_turn_costs_no_pause_for_that() {
+    let mut stage = ClusterFixture::limited();
+    let studio = Environment { name: "studio.hdr".into(), blob: BlobHash([7; 32]) };
+    stage.request(Request::SetEnvironment(EnvironmentSource::Baked(studio)));
+    stage.look(at(60.0));
+    stage.live_for(60_000_000);
+    assert!(stage.cluster.shown.environment.is_none(), "it is still on its way");
+    stage.prepare_all();
+    assert_eq!(stage.cluster.shown.seen_from[0].position.x, 60.0);
+    // The first frame of the surroundings, and that of the part.
+    stage.draw(&[0, 1], 1_000);
+    stage.draw(&[0, 1], 1_000);
+    stage.look(at(120.0));
+    stage.live_for(3_000_000);
+    assert_eq!(stage.told()[0].position.x, 120.0);
+}
+
+#[test]
+fn another_scene_does_not_pause_for_the_parts_of_the_last_one() {
+    let mut stage = ClusterFixture::limited();
+    stage.look(at(10.0));
+    stage.live_for(9_000_000);
+    stage.prepare_all();
+    stage.wait(1_000);
+    stage.draw(&[0, 1], 1_000);
+    stage.open_town();
+    stage.look(at(10.0));
+    stage.wait(1_000);
+    assert_eq!(stage.told()[0].position.x, 10.0);
 }
 
 #[test]
