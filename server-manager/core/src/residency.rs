@@ -19,7 +19,8 @@ use super::{Cluster, Micros, SessionId, StateChange};
 const CHANGE_PERIOD: Micros = 500_000;
 
 /// Minimum time between two parts as a multiple of the time that servers took for the last one with
-/// its first frame: where a camera flies past everything, they have the rest for frames.
+/// its first frame, on a wall that draws by itself: where a camera flies past everything, they have
+/// the rest for frames. Who asks a paused wall for frames, as a film does, may wait for detail.
 const CHANGE_FACTOR: Micros = 4;
 
 /// Time after which a part is asked for again that servers could not get ready.
@@ -39,6 +40,9 @@ pub(super) struct Residency {
     asked_at: Micros,
     /// No other part is asked for before.
     not_before: Micros,
+    /// Nor before this, on a wall that draws by itself: servers have the time for frames.
+    #[serde(default)]
+    frames_until: Micros,
     /// Number of parts in a row that servers could not get ready in time, though no change waited
     /// for it.
     #[serde(default)]
@@ -66,7 +70,8 @@ impl Residency {
     /// Another scene is shown: nothing that was learnt of the parts of the last one holds for it.
     pub(super) fn end_scene(&mut self) {
         self.forget_failures();
-        (self.not_before, self.is_new, self.first_frame) = (0, false, None);
+        (self.not_before, self.frames_until) = (0, 0);
+        (self.is_new, self.first_frame) = (false, None);
     }
 }
 
@@ -128,7 +133,8 @@ impl Cluster {
     /// Leaves some time before another part is asked for.
     fn space_parts(&mut self, now: Micros) {
         let taken = now.saturating_sub(self.residency.asked_at);
-        self.residency.not_before = now + CHANGE_PERIOD.max(taken.saturating_mul(CHANGE_FACTOR));
+        self.residency.not_before = now + CHANGE_PERIOD;
+        self.residency.frames_until = now.saturating_add(taken.saturating_mul(CHANGE_FACTOR));
     }
 
     /// Returns the time at which servers are told of other places, if they are to be.
@@ -138,7 +144,9 @@ impl Cluster {
         // given up sooner.
         let is_free = self.changes.expect_room().is_ok() && !self.changes.has_scene_underway();
         let is_due = is_free && !self.is_choosing_part() && !self.is_served();
-        is_due.then_some(self.residency.not_before)
+        let Residency { not_before, frames_until, .. } = self.residency;
+        let is_paused = self.pacer.pace().is_none();
+        is_due.then_some(if is_paused { not_before } else { not_before.max(frames_until) })
     }
 
     /// Tells servers where the wall is seen from, if that is due.

@@ -85,6 +85,7 @@ fn all_servers_get_what_serves_the_camera_before_a_frame_shows_it() {
     assert_eq!(stage.frames.len(), 2, "{:?}", stage.frames);
     assert!(stage.frames.iter().all(|(_, frame)| frame.revision.0 == before.0 + 1));
     // The first frame of a part draws shadows anew, and has time for it.
+    stage.request(Request::Run(Pacing::Rate(0.01)));
     stage.draw(&[0, 1], 1_500_000);
     assert_eq!([0, 1].map(|index| stage.state(index)), [ChannelState::Live; 2]);
     assert!(!stage.look(at(10.0)), "it is there");
@@ -307,6 +308,7 @@ fn a_camera_that_moves_takes_no_time_from_a_scene_on_its_way() {
 #[test]
 fn a_part_that_waited_for_its_turn_costs_no_pause_for_that() {
     let mut stage = ClusterFixture::limited();
+    stage.request(Request::Run(Pacing::Rate(0.01)));
     let studio = Environment { name: "studio.hdr".into(), blob: BlobHash([7; 32]) };
     stage.request(Request::SetEnvironment(EnvironmentSource::Baked(studio)));
     stage.look(at(60.0));
@@ -325,6 +327,7 @@ fn a_part_that_waited_for_its_turn_costs_no_pause_for_that() {
 #[test]
 fn another_scene_does_not_pause_for_the_parts_of_the_last_one() {
     let mut stage = ClusterFixture::limited();
+    stage.request(Request::Run(Pacing::Rate(0.01)));
     stage.look(at(10.0));
     stage.live_for(9_000_000);
     stage.prepare_all();
@@ -334,6 +337,26 @@ fn another_scene_does_not_pause_for_the_parts_of_the_last_one() {
     stage.look(at(10.0));
     stage.wait(1_000);
     assert_eq!(stage.told()[0].position.x, 10.0);
+}
+
+/// Frames of a film wait for detail, and not as long as a wall that draws by itself has for frames.
+#[test]
+fn a_paused_wall_asks_for_the_next_part_at_once_however_long_the_last_one_took() {
+    for runs_before in [false, true] {
+        let mut stage = ClusterFixture::limited();
+        stage.look(at(10.0));
+        stage.live_for(4_000_000);
+        stage.prepare_all();
+        stage.wait(1_000);
+        if runs_before {
+            stage.request(Request::Run(Pacing::Rate(0.01)));
+        }
+        stage.draw(&[0, 1], 1_000);
+        stage.request(Request::Pause);
+        assert!(stage.look(at(60.0)));
+        stage.wait(1_000_000);
+        assert_eq!(stage.told()[0].position.x, 60.0);
+    }
 }
 
 #[test]
