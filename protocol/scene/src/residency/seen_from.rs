@@ -34,7 +34,8 @@ pub struct SeenFrom {
 pub struct MeshWeights {
     /// For each mesh: pixels on the wall, or units of the world where no place is known, that a
     /// unit of it takes at most. Rounded down to 1 or 1.5 times a power of two, so that a small
-    /// step of an eye or a node changes nothing. 1 for what no node draws.
+    /// step of an eye or a node changes nothing. Next to 0 for what no node draws, or only
+    /// without a size: all else has the budget first.
     pub each: Vec<f64>,
     /// The distance in units of the world by which each place may move before this is to be found
     /// anew; infinite where no place matters.
@@ -217,7 +218,7 @@ fn scale_max(matrix: &DMat3) -> f64 {
 fn rounded(weight: f64) -> f64 {
     // Two bits of 52 decide: 1, 1.5, 2, 3, 4, 6 …
     const KEPT: u64 = !((1 << 51) - 1);
-    if weight.is_nan() || weight == 0.0 {
+    if weight.is_nan() {
         return 1.0;
     }
     f64::from_bits(weight.clamp(WEIGHT_MAX.recip(), WEIGHT_MAX).to_bits() & KEPT)

@@ -243,7 +243,8 @@ fn without_a_place_weights_are_the_scales_of_the_largest_place() {
     let scene = Scene { meshes: vec![cube(), mesh(Vec::new())], nodes, ..Scene::default() };
     let weights = MeshWeights::new(&scene, &[]);
     // 6 × √3 = 10.4, rounded down; nothing draws the other.
-    assert_eq!(weights.each, [8.0, 1.0]);
+    assert_eq!(weights.each[0], 8.0);
+    assert!(weights.each[1] > 0.0 && weights.each[1] < 1e-29, "{weights:?}");
     assert_eq!(weights.reach, f64::INFINITY);
 }
 
@@ -264,6 +265,23 @@ fn weights_are_pixels_at_the_nearest_point_of_the_nearest_copy() {
     let inside = MeshWeights::new(&scene, &[eye(10.5, 0.5, 0.5)]);
     let nearest = 0.75_f64.sqrt() / 16.0;
     assert_eq!((inside.each[0], inside.reach), (24576.0, nearest / 4.0));
+}
+
+#[test]
+fn a_small_mesh_on_the_wall_is_refined_before_one_that_no_node_draws() {
+    let meshes = [1, 2].map(|name| mesh(vec![primitive(name, 1000, &[(4, 0.5), (16, 2.0)])]));
+    let nodes = vec![node(0, DAffine3::from_scale(DVec3::splat(0.001)), None)];
+    let scene = Scene { meshes: meshes.to_vec(), nodes, ..Scene::default() };
+    let weights = MeshWeights::new(&scene, &[eye(3.0, 0.0, 0.0)]).each;
+    // √3 × 0.001 × 1000 / 3 = 0.58.
+    assert_eq!(weights[0], 0.5);
+    let choose = |budget| Residency::choose(&meshes, &[], &weights, budget);
+    let of = &meshes[0].primitives[0];
+    // The coarsest of both, and one that is refined by a step in this part and in another.
+    let refined = of.limited_to(&of.cut_at(1)).geometry_bytes();
+    let held = choose(choose(0).unwrap_err().least + 2 * refined).unwrap();
+    assert_eq!(held.levels, [1, 2]);
+    assert_eq!(held.error, 0.5 * 0.5, "what nobody sees has no error");
 }
 
 proptest! {
