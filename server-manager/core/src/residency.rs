@@ -31,6 +31,16 @@ const RETRY_PERIOD: Micros = 10_000_000;
 /// the time that any change has.
 const PART_TIME_MAX: Micros = 10_000_000;
 
+/// Maximum time for which another part may still become ready once another change waits behind it,
+/// at first: most take less, and what was read for it is in the servers' caches when it is tried
+/// again. It is twice as long behind each that was not ready, up to [`PART_TIME_MAX`]: where
+/// changes come without end, one that takes longer would never come.
+const PART_HOLD_FIRST: Micros = 2_000_000;
+
+/// Time after which such a part is asked for again as a multiple of that for which other changes
+/// waited in vain: they lose at most a fifth of their time.
+const HELD_RETRY_FACTOR: Micros = RETRY_PERIOD / PART_HOLD_FIRST;
+
 /// What frames are seen from, and when servers are told.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Residency {
@@ -47,6 +57,10 @@ pub(super) struct Residency {
     /// for it.
     #[serde(default)]
     failures: u32,
+    /// Number of parts in a row that servers could not get ready in time while changes waited for
+    /// them.
+    #[serde(default)]
+    held_failures: u32,
     /// It was said that parts of this scene could not be shown.
     #[serde(default)]
     is_failure_told: bool,
@@ -59,7 +73,7 @@ pub(super) struct Residency {
 impl Residency {
     /// The next part has the time of a first one.
     fn forget_failures(&mut self) {
-        (self.failures, self.is_failure_told) = (0, false);
+        (self.failures, self.held_failures, self.is_failure_told) = (0, 0, false);
     }
 
     /// Servers are asked for another part now: it has waited for its turn.
@@ -182,19 +196,31 @@ impl Cluster {
 
     /// The time for which the next part is waited for.
     pub(super) fn part_time(&self) -> Micros {
-        let factor = 1_u64.checked_shl(self.residency.failures).unwrap_or(Micros::MAX);
-        PART_TIME_MAX.saturating_mul(factor).min(PREPARE_TIME_MAX)
+        doubled(PART_TIME_MAX, self.residency.failures).min(PREPARE_TIME_MAX)
+    }
+
+    /// The time for which other changes wait behind the next part.
+    pub(super) fn part_hold(&self) -> Micros {
+        doubled(PART_HOLD_FIRST, self.residency.held_failures).min(PART_TIME_MAX)
     }
 
     /// Servers could not get another part ready, or not in time; they go on with the one that they
     /// have.
     pub(super) fn postpone_residency(&mut self, now: Micros, is_overdue: bool, reason: &str) {
-        self.residency.not_before = now + RETRY_PERIOD;
         // One that others were waiting for had little time.
-        if self.changes.waiting() > 0 {
+        if is_overdue && self.changes.waiting() > 0 {
+            self.residency.not_before = now + HELD_RETRY_FACTOR * self.part_hold();
+            // However often it is tried again.
+            if self.residency.held_failures == 0 {
+                tracing::warn!(
+                    reason,
+                    "another part of the scene could not be shown while other changes waited"
+                );
+            }
+            self.residency.held_failures = self.residency.held_failures.saturating_add(1);
             return;
         }
-        // However often it is tried again.
+        self.residency.not_before = now + RETRY_PERIOD;
         if !std::mem::replace(&mut self.residency.is_failure_told, true) {
             tracing::warn!(reason, "another part of the scene could not be shown");
         }
@@ -225,4 +251,9 @@ impl Cluster {
         // A server may say what it wants.
         Some(reach.max(0.0))
     }
+}
+
+/// Returns a time that is twice as long after each of so many failures.
+fn doubled(time: Micros, failures: u32) -> Micros {
+    time.saturating_mul(1_u64.checked_shl(failures).unwrap_or(Micros::MAX))
 }

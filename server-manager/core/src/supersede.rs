@@ -18,10 +18,6 @@ use super::{ClientRequest, Cluster, Micros};
 /// this.
 const OBSOLETE_TIME_MAX: Micros = 500_000;
 
-/// Maximum time for which a part of a scene may still become ready once another change waits behind
-/// it: most take less, and what was read for it is in the servers' caches when it is tried again.
-const PART_HOLD_MAX: Micros = 2_000_000;
-
 /// A state that a server was sent and has not answered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Owed {
@@ -76,7 +72,8 @@ impl Cluster {
         if self.changes.is_obsolete() {
             self.changes.expire_by(now + OBSOLETE_TIME_MAX);
         } else if self.changes.waits_for_part() {
-            self.changes.expire_by(now + PART_HOLD_MAX);
+            let end = now + self.part_hold();
+            self.changes.expire_by(end);
         }
     }
 

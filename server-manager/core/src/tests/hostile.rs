@@ -32,7 +32,7 @@ impl ClusterFixture {
     }
 
     /// The oldest preparation that was sent to a server is cancelled there.
-    fn cancel(&mut self, session: SessionId) {
+    pub(super) fn cancel(&mut self, session: SessionId) {
         let at = self.prepares.iter().position(|(to, _)| *to == session).expect("a preparation");
         let (_, Prepare { epoch, revision, .. }) = self.prepares.remove(at);
         let reason = "a newer preparation has come".to_owned();

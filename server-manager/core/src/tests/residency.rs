@@ -4,6 +4,7 @@ use polyptych_protocol::environment::{Environment, EnvironmentSource};
 use polyptych_protocol::state_log::Operation;
 use polyptych_scene::residency::SeenFrom;
 
+use super::editing::{TREE, moving};
 use super::*;
 
 /// Metres by which an eye may move.
@@ -288,6 +289,38 @@ fn a_part_that_comes_after_it_was_given_up_costs_no_display() {
     assert_eq!(later.count(), 2, "it is tried again");
     stage.prepare_all();
     assert_eq!(stage.cluster.shown.seen_from.len(), 1);
+}
+
+/// Each try gives it more time, and servers stop to work on it when that is over.
+#[test]
+fn a_part_that_takes_three_seconds_comes_though_a_program_edits_at_every_frame() {
+    let mut stage = ClusterFixture::live(limited(2));
+    stage.detail_reach = Some(REACH);
+    stage.open_house();
+    stage.look(at(10.0));
+    let end = stage.now + 120_000_000;
+    let mut begun = BTreeMap::new();
+    while stage.now < end && stage.cluster.shown.seen_from.is_empty() {
+        stage.edit(moving(TREE, 4.0));
+        for session in [0, 1].map(SessionId) {
+            let sent = stage.prepares.iter().filter(|(to, _)| *to == session);
+            let sent: Vec<_> = sent.map(|(_, prepare)| prepare.clone()).collect();
+            let Some(last) = sent.last() else { continue };
+            for _ in 1..sent.len() {
+                stage.cancel(session);
+            }
+            let since = *begun.entry(last.revision).or_insert(stage.now);
+            let is_part = |of: &Operation| matches!(of, Operation::SetSeenFrom(_));
+            if !last.operations.iter().any(is_part) || stage.now - since >= 3_000_000 {
+                stage.prepare(session);
+            }
+        }
+        stage.wait(16_000);
+        if !stage.cluster.pipeline.is_empty() {
+            stage.draw(&[0, 1], 0);
+        }
+    }
+    assert_eq!(stage.cluster.shown.seen_from[0].position.x, 10.0);
 }
 
 #[test]
