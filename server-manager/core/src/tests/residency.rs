@@ -341,10 +341,11 @@ fn a_camera_that_moves_takes_no_time_from_a_scene_on_its_way() {
 #[test]
 fn a_part_that_waited_for_its_turn_costs_no_pause_for_that() {
     let mut stage = ClusterFixture::limited();
-    stage.request(Request::Run(Pacing::Rate(0.01)));
     let studio = Environment { name: "studio.hdr".into(), blob: BlobHash([7; 32]) };
     stage.request(Request::SetEnvironment(EnvironmentSource::Baked(studio)));
     stage.look(at(60.0));
+    stage.request(Request::Run(Pacing::Rate(0.01)));
+    stage.draw(&[0, 1], 1_000);
     stage.live_for(60_000_000);
     assert!(stage.cluster.shown.environment.is_none(), "it is still on its way");
     stage.prepare_all();
