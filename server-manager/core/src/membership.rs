@@ -176,6 +176,7 @@ impl Cluster {
                 self.session_span(session).in_scope(tell);
             }
         }
+        self.registry.forgive(&channels);
         self.registry.set_states(&channels, ChannelState::Preparing, Some(why), now);
         self.send_due_prepares(sessions.to_vec());
         // Last: this may begin a frame, which must not go to them.

@@ -65,6 +65,15 @@ impl Registry {
         }
     }
 
+    /// Channels begin anew, as their server does: they were late for what is over.
+    pub fn forgive(&mut self, channels: &[ChannelId]) {
+        for id in channels {
+            if let Some(channel) = self.channels.get_mut(usize::from(id.0)) {
+                channel.is_behind = false;
+            }
+        }
+    }
+
     /// Channels that could draw are waited for from now on. Between two frames only: a frame does
     /// not wait for those that came while it was drawn.
     pub fn admit_ready(&mut self, now: Micros, frame: FrameId) {

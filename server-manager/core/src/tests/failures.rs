@@ -297,3 +297,14 @@ fn a_wall_of_late_channels_shows_an_edit_and_comes_back() {
     assert!(stage.swaps.len() >= swaps + 12);
     assert_eq!([stage.state(0), stage.state(1)], [ChannelState::Live; 2]);
 }
+
+#[test]
+fn a_late_channel_whose_gpu_was_lost_begins_anew() {
+    let mut stage = ClusterFixture::with_house(2);
+    frame_time(&mut stage, &[0]);
+    assert_eq!(stage.state(1), ChannelState::Late);
+    stage.say(SessionId(1), ServerMessage::StateLost { reason: "the GPU was lost".into() });
+    stage.prepare_all();
+    // The frame that it must see.
+    assert_eq!(stage.state(1), ChannelState::Live);
+}
