@@ -63,7 +63,7 @@ impl ScenePictures {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use polyptych_protocol::ids::{Digest, Epoch, FrameId, Revision};
     use polyptych_protocol::pattern::TestPattern;
     use polyptych_protocol::presentation::Presentation;
@@ -72,7 +72,8 @@ mod tests {
 
     use super::*;
 
-    fn status(scene: Option<&str>) -> WallStatus {
+    /// The status of a wall without channels.
+    pub(in crate::http) fn status(scene: Option<&str>) -> WallStatus {
         let head = HeadPose::facing_forward(glam::DVec3::ZERO, 0.06);
         WallStatus {
             wall: "w".into(),
