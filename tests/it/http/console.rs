@@ -464,6 +464,43 @@ fn the_page_is_red_within_two_seconds_where_a_channel_is_gone() {
     browser.await_true("document.getElementById('align-channel').options.length === 1");
 }
 
+#[test]
+fn warnings_stand_on_a_page_that_is_opened_after_they_began() {
+    let text = format!(
+        "{}\n[[device]]\nname = \"tracker\"\nkind = \"osc\"\nlisten = \"127.0.0.1:7000\"\n\
+         [device.head]\npose = \"/head\"\n",
+        polyptych_wall_file::to_toml(&small(1, 1))
+    );
+    let wall = polyptych_wall_file::parse(&text, "wall.toml".as_ref());
+    let page = Page::start(&wall.unwrap_or_else(|error| panic!("{error}")), &[], &[]);
+    // No bridge ever reads it.
+    let is_told = |told: &String| told.contains("device tracker is waiting");
+    let warnings = || page.local.client().status().expect("a status").warnings;
+    wait::until("a warning", || warnings().iter().any(is_told).then_some(()));
+    let mut browser = open(&page);
+    let list = "document.getElementById('warnings')";
+    browser.await_true(&format!("{list}.textContent.includes('device tracker is waiting')"));
+    browser.await_true(&format!("{list}.getClientRects().length === 1"));
+    browser.await_true("document.getElementById('health').className === 'wait'");
+    browser.await_true("document.getElementById('health').textContent.includes('1 warning,')");
+    // That an action was done with a warning is told, too.
+    browser.value(ASK_WITH_A_WARNING);
+    let log = "document.getElementById('log').textContent";
+    browser.await_true(&format!("{log}.includes('warning: PUT /warned: nicht für immer')"));
+    check_accessibility(&mut browser);
+}
+
+/// Asks for what is done with a warning, as it comes from the network: a character for each byte.
+const ASK_WITH_A_WARNING: &str = r"(async () => {
+    const real = window.fetch;
+    const headers = { 'polyptych-warning': 'nicht f\u00c3\u00bcr immer' };
+    window.fetch = (path, ...rest) =>
+        path === '/warned' ? Promise.resolve(new Response('{}', { headers })) : real(path, ...rest);
+    const { ask } = await import('/requests.js');
+    await ask('PUT', '/warned');
+    window.fetch = real;
+})()";
+
 /// A page whose first request has no answer asks again.
 fn check_first_request(page: &Page, browser: &mut Browser) {
     let once = "window.real = fetch; window.fetch = () => { window.fetch = real; \

@@ -1,6 +1,6 @@
 // The state of channels: what is wrong, in words, colours and a table.
 
-import { byId, state } from "./state.js";
+import { add, byId, state } from "./state.js";
 
 /** A status that is older than this says nothing of the wall as it is now. */
 const STATUS_TIME_MAX_MS = 1500;
@@ -30,13 +30,14 @@ function kind(channel) {
 }
 
 function summary(bad) {
-  const { channels, frame, rest } = state.status;
+  const { channels, frame, rest, warnings } = state.status;
   if (bad.length) {
     return `${bad.length} of ${channels.length} channels: ` +
       bad.slice(0, 4).map((channel) => `${channel.name} ${fault(channel)}`).join(", ");
   }
   if (rest.is_resting) return "displays are dark by themselves until the wall is used";
-  return `all ${channels.length} channels are well, frame ${frame}`;
+  const told = ["", ", 1 warning"][warnings.length] ?? `, ${warnings.length} warnings`;
+  return `all ${channels.length} channels are well${told}, frame ${frame}`;
 }
 
 function row(channel) {
@@ -57,14 +58,29 @@ function row(channel) {
   return line;
 }
 
-/** Shows how channels are. */
+/** Lists the status's warnings for as long as they last. */
+function showWarnings() {
+  const list = byId("warnings");
+  const { warnings } = state.status;
+  // A line that says the same stays: it may be selected, or being read out.
+  while (list.children.length > warnings.length) list.lastChild.remove();
+  warnings.forEach((text, place) => {
+    const line = list.children[place] ?? add(list, "li");
+    if (line.textContent !== text) line.textContent = text;
+  });
+  list.hidden = !warnings.length;
+}
+
+/** Shows how channels are, and of what the manager warns. */
 export function showHealth() {
   const { status } = state;
   if (!status) return;
   const bad = status.channels.filter((channel) => fault(channel));
   const health = byId("health");
-  health.className = bad.length ? "bad" : status.rest.is_resting ? "wait" : "good";
+  const isWaiting = status.rest.is_resting || status.warnings.length > 0;
+  health.className = bad.length ? "bad" : isWaiting ? "wait" : "good";
   health.textContent = summary(bad);
+  showWarnings();
   byId("table").replaceChildren(...status.channels.map(row));
   for (const channel of status.channels) {
     const box = byId(`channel-${channel.name}`);

@@ -37,6 +37,8 @@ export async function ask(method, path, body, isShown = true) {
     log(value.error, true);
     throw new Error(value.error);
   }
+  const warning = answer.headers.get("polyptych-warning");
+  if (warning) warn(`${method} ${path}: ${inUtf8(warning)}`);
   return value;
 }
 
@@ -60,13 +62,38 @@ export async function actAndDraw(method, path, body) {
   return done;
 }
 
+const stamped = (text) => `${new Date().toLocaleTimeString()} ${text}`;
+
 export function log(text, isBad = false) {
   const line = document.createElement("li");
-  line.textContent = `${new Date().toLocaleTimeString()} ${text}`;
+  line.textContent = stamped(text);
   if (isBad) line.className = "bad";
   const list = byId("log");
   list.prepend(line);
   while (list.children.length > LOG_LINES_MAX) list.lastChild.remove();
+}
+
+/** The text of a header, of which a browser makes a character of each byte. */
+const inUtf8 = (text) =>
+  new TextDecoder().decode(Uint8Array.from(text, (byte) => byte.charCodeAt(0)));
+
+/** The line of the last warning, and its words. */
+let warned = { line: null, words: "" };
+
+/**
+ * Says a warning about what was asked for. While the newest line says it, if with other numbers,
+ * that line is written anew: a hand that drags asks many times a second.
+ */
+function warn(text) {
+  const words = text.replace(/[\d.]+/g, "");
+  const newest = byId("log").firstChild;
+  if (!newest || newest !== warned.line || words !== warned.words) {
+    log(`warning: ${text}`);
+    warned = { line: byId("log").firstChild, words };
+    return;
+  }
+  const now = stamped(`warning: ${text}`);
+  if (newest.textContent !== now) newest.textContent = now;
 }
 
 /**
