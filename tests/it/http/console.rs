@@ -409,6 +409,8 @@ fn check_steering(page: &Page, browser: &mut Browser) {
     assert!(apart < 1e-6 * before.scale, "the middle of the wall stays: {apart}");
     assert!((turned.scale - before.scale).abs() < 1e-12);
     assert!((turned.rotation.length() - 1.0).abs() < 1e-9);
+    check_lost_release(page, browser);
+    let turned = camera();
     let wheel = serde_json::json!({
         "type": "mouseWheel", "x": 300, "y": 250, "deltaX": 0, "deltaY": 120,
     });
@@ -428,6 +430,31 @@ fn check_steering(page: &Page, browser: &mut Browser) {
     await_shown(page, "a key after others", |shown| shown.camera.rotation != others.rotation);
     let apart = (camera().world_from_display(pivot) - others.world_from_display(pivot)).length();
     assert!(apart < 1e-6 * before.scale, "from where others were: {apart}");
+}
+
+/// A mouse whose button was let go elsewhere moves nothing.
+fn check_lost_release(page: &Page, browser: &mut Browser) {
+    let before = presentation(page).camera;
+    let mut mouse = |kind: &str, x: f64, buttons: u32| {
+        let event = serde_json::json!({
+            "type": kind, "x": x, "y": 250, "button": "right", "buttons": buttons, "clickCount": 1,
+        });
+        browser.call("Input.dispatchMouseEvent", &event);
+    };
+    mouse("mousePressed", 300.0, 2);
+    mouse("mouseMoved", 420.0, 0);
+    // It has its release now, so that what follows begins with a mouse without buttons.
+    mouse("mouseReleased", 420.0, 0);
+    browser.value(
+        "document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', \
+         { key: '-', bubbles: true }))",
+    );
+    await_shown(page, "a zoom", |shown| shown.camera.scale != before.scale);
+    let now = presentation(page).camera;
+    assert!(now.rotation.angle_between(before.rotation) < 1e-6);
+    let pivot = DVec3::new(0.0, 0.0, -1.304);
+    let apart = (now.world_from_display(pivot) - before.world_from_display(pivot)).length();
+    assert!(apart < 1e-6 * before.scale, "the middle of the wall stays: {apart}");
 }
 
 #[test]

@@ -129,6 +129,8 @@ function dragHandle(button, handle) {
     began = { at, offset: handle.offset(), changes: [before(handle)] };
   });
   button.addEventListener("pointermove", (event) => {
+    // The page was not told of its release, as over a menu of the browser.
+    if (!event.buttons) began = null;
     if (!began) return;
     const pixels = displaySize(channel)[0] / Math.max(byId("align-stage").clientWidth, 1);
     const shift = uprightShift(channel, [
@@ -140,7 +142,7 @@ function dragHandle(button, handle) {
     began.changes = null;
     move(handle, to);
   });
-  for (const end of ["pointerup", "pointercancel"]) {
+  for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
     button.addEventListener(end, () => { began = null; });
   }
 }

@@ -73,6 +73,11 @@ function drag(stage) {
   stage.addEventListener("pointermove", (event) => {
     const before = pointers.get(event.pointerId);
     if (!before) return;
+    // The page was not told of its release, as over a menu of the browser.
+    if (!event.buttons) {
+      pointers.delete(event.pointerId);
+      return;
+    }
     const now = [event.clientX, event.clientY];
     const size = Math.max(stage.clientWidth, 1);
     const [dx, dy] = [(now[0] - before[0]) / size, (now[1] - before[1]) / size];
@@ -90,9 +95,10 @@ function drag(stage) {
       move({ turn: [sense * dx, sense * dy] });
     }
   });
-  for (const end of ["pointerup", "pointercancel"]) {
+  for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
     stage.addEventListener(end, (event) => pointers.delete(event.pointerId));
   }
+  stage.addEventListener("contextmenu", (event) => event.preventDefault());
 }
 
 const ORBIT_KEYS = {
