@@ -29,7 +29,8 @@ use crate::session::Event;
 /// Period of the status that browsers are sent: what is wrong is seen well within two seconds.
 const STATUS_PERIOD: Duration = Duration::from_millis(500);
 
-/// Maximum number of events that wait for a browser; the oldest are lost to it.
+/// Maximum number of events, and of feedback beside them, that wait for a browser; the oldest are
+/// lost to it.
 const EVENTS_MAX: usize = 64;
 
 /// Maximum width of a preview, in pixels: a page shows no more.
@@ -38,14 +39,6 @@ const PREVIEW_WIDTH_MAX: u32 = 1920;
 /// Maximum number of encoded forms of a preview that are kept: widths that pages ask for.
 const FORMS_MAX: usize = 4;
 
-/// An event as it is sent.
-#[derive(Debug)]
-pub(super) struct LiveEvent {
-    pub is_feedback: bool,
-    /// In the form of server-sent events.
-    pub text: Bytes,
-}
-
 /// The state that browsers watch.
 #[derive(Clone)]
 pub(super) struct LiveWall(Arc<Shared>);
@@ -53,7 +46,10 @@ pub(super) struct LiveWall(Arc<Shared>);
 struct Shared {
     manager: mpsc::Sender<Event>,
     queues: RequestQueues,
-    events: broadcast::Sender<Arc<LiveEvent>>,
+    /// In the form of server-sent events, as feedback too.
+    events: broadcast::Sender<Bytes>,
+    /// Feedback is by itself: where frames are many it would take the places of all else.
+    feedback: broadcast::Sender<Bytes>,
     /// `true` while a task asks for the status.
     is_watching: Mutex<bool>,
     feedback_wishes: AtomicUsize,
@@ -78,6 +74,13 @@ struct Preview {
 /// A browser's wish for feedback of frames, until it is dropped.
 pub(super) struct FeedbackWish(LiveWall);
 
+impl FeedbackWish {
+    /// Begins to listen to feedback.
+    pub fn listen(&self) -> broadcast::Receiver<Bytes> {
+        self.0.0.feedback.subscribe()
+    }
+}
+
 impl Drop for FeedbackWish {
     fn drop(&mut self) {
         self.0.0.feedback_wishes.fetch_sub(1, Ordering::AcqRel);
@@ -86,11 +89,12 @@ impl Drop for FeedbackWish {
 
 impl LiveWall {
     pub fn new(manager: mpsc::Sender<Event>, queues: RequestQueues) -> Self {
-        let (events, _) = broadcast::channel(EVENTS_MAX);
+        let [events, feedback] = [(); 2].map(|()| broadcast::channel(EVENTS_MAX).0);
         Self(Arc::new(Shared {
             manager,
             queues,
             events,
+            feedback,
             is_watching: Mutex::new(false),
             feedback_wishes: AtomicUsize::new(0),
             previews: tokio::sync::Mutex::default(),
@@ -98,8 +102,8 @@ impl LiveWall {
         }))
     }
 
-    /// Begins to watch.
-    pub fn watch(&self) -> broadcast::Receiver<Arc<LiveEvent>> {
+    /// Begins to watch all but feedback.
+    pub fn watch(&self) -> broadcast::Receiver<Bytes> {
         let mut is_watching = self.0.is_watching.lock().unwrap_or_else(PoisonError::into_inner);
         let receiver = self.0.events.subscribe();
         if !std::mem::replace(&mut *is_watching, true) {
@@ -185,9 +189,9 @@ impl LiveWall {
     fn publish(&self, name: &'static str, data: &impl Serialize) {
         let Ok(data) = serde_json::to_string(data) else { return };
         let text = Bytes::from(format!("event: {name}\ndata: {data}\n\n"));
-        let event = LiveEvent { is_feedback: name == "feedback", text };
+        let listeners = if name == "feedback" { &self.0.feedback } else { &self.0.events };
         // Nobody may be there any more.
-        let _ = self.0.events.send(Arc::new(event));
+        let _ = listeners.send(text);
     }
 
     /// A picture of the wall that is at most so old. Whoever asks meanwhile gets the same one.
@@ -266,5 +270,35 @@ impl Preview {
             Ok(encoded) => encoded.map_err(Refusal::unavailable),
             Err(error) => Err(Refusal::unavailable(format!("a picture failed: {error}"))),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::task::{Context, Poll, Waker};
+
+    use super::*;
+    use crate::http::events::EventStream;
+
+    #[test]
+    fn feedback_takes_the_place_of_no_other_event() {
+        let live = LiveWall::new(mpsc::channel(1).0, RequestQueues::default());
+        let listen = |wish| EventStream::new(live.0.events.subscribe(), wish);
+        let mut plain = listen(None);
+        let mut full = listen(Some(live.wish_for_feedback()));
+        live.publish("log", &"begun");
+        for frame in 0..100 {
+            live.publish("feedback", &frame);
+        }
+        let mut context = Context::from_waker(Waker::noop());
+        let mut next = |stream: &mut EventStream| match stream.poll_next(&mut context) {
+            Poll::Ready(Some(text)) => String::from_utf8(text.into()).expect("text"),
+            Poll::Ready(None) | Poll::Pending => String::new(),
+        };
+        let log = "event: log\ndata: \"begun\"\n\n";
+        assert_eq!([next(&mut plain), next(&mut plain)], [log, ""]);
+        let lost = "event: lost\ndata: {\"events\":36}\n\n";
+        assert_eq!([next(&mut full), next(&mut full)], [log, lost]);
+        assert_eq!(next(&mut full), "event: feedback\ndata: 36\n\n");
     }
 }

@@ -59,6 +59,9 @@ function listen() {
     plot();
   });
   events.addEventListener("log", (event) => log(JSON.parse(event.data).text));
+  events.addEventListener("lost", (event) => {
+    log(`${JSON.parse(event.data).events} events were missed`, true);
+  });
   events.onerror = async () => {
     isLost = true;
     showHealth();
