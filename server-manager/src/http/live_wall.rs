@@ -44,6 +44,8 @@ const FORMS_MAX: usize = 4;
 pub(super) struct LiveWall(Arc<Shared>);
 
 struct Shared {
+    /// Events say how long after this they were told.
+    began: Instant,
     manager: mpsc::Sender<Event>,
     queues: RequestQueues,
     /// In the form of server-sent events, as feedback too.
@@ -91,6 +93,7 @@ impl LiveWall {
     pub fn new(manager: mpsc::Sender<Event>, queues: RequestQueues) -> Self {
         let [events, feedback] = [(); 2].map(|()| broadcast::channel(EVENTS_MAX).0);
         Self(Arc::new(Shared {
+            began: Instant::now(),
             manager,
             queues,
             events,
@@ -188,7 +191,8 @@ impl LiveWall {
 
     fn publish(&self, name: &'static str, data: &impl Serialize) {
         let Ok(data) = serde_json::to_string(data) else { return };
-        let text = Bytes::from(format!("event: {name}\ndata: {data}\n\n"));
+        let at_ms = self.0.began.elapsed().as_millis();
+        let text = Bytes::from(format!("id: {at_ms}\nevent: {name}\ndata: {data}\n\n"));
         let listeners = if name == "feedback" { &self.0.feedback } else { &self.0.events };
         // Nobody may be there any more.
         let _ = listeners.send(text);
@@ -292,7 +296,10 @@ mod tests {
         }
         let mut context = Context::from_waker(Waker::noop());
         let mut next = |stream: &mut EventStream| match stream.poll_next(&mut context) {
-            Poll::Ready(Some(text)) => String::from_utf8(text.into()).expect("text"),
+            Poll::Ready(Some(text)) => {
+                let text = String::from_utf8(text.into()).expect("text");
+                text.find("event: ").map(|start| text[start..].to_owned()).expect("an event")
+            }
             Poll::Ready(None) | Poll::Pending => String::new(),
         };
         let log = "event: log\ndata: \"begun\"\n\n";

@@ -469,6 +469,8 @@ fn the_page_is_red_within_two_seconds_where_a_channel_is_gone() {
          if (document.querySelector('.channel.bad') && !redAt) redAt = Date.now(); })\
          .observe(document.getElementById('channels'), { subtree: true, attributes: true })",
     );
+    let rate = browser.value(RATE_OF_STATUSES_AT_ONCE);
+    assert_eq!(rate.as_str().map(|text| text.contains(": 30.0,")), Some(true), "{rate}");
     let faults = browser.value(FAULTS_WHILE_IT_RUNS);
     assert_eq!(faults, serde_json::json!(["frozen", "", ""]));
     let server = page.local.wall().channels[0].server.clone();
@@ -537,6 +539,18 @@ fn check_first_request(page: &Page, browser: &mut Browser) {
     browser.open(&format!("http://{}/", page.address));
     browser.await_true("window.real === window.fetch && !!document.querySelector('.channel.good')");
 }
+
+/// The caption of the rate after two statuses that were told a second apart, and come at once.
+const RATE_OF_STATUSES_AT_ONCE: &str = "Promise.all([import('/plots.js'), import('/state.js')])
+    .then(([{ plot }, { state }]) => {
+        const before = { ...state };
+        for (const [frame, toldAt] of [[100, 5000], [130, 6000]]) {
+            Object.assign(state, { status: { ...before.status, epoch: -1, frame }, toldAt });
+            plot();
+        }
+        Object.assign(state, before);
+        return document.getElementById('plots').lastChild.firstChild.textContent;
+    })";
 
 /// What is wrong with a channel that is live, getting ready or ready, if it has shown nothing for
 /// long while the wall runs.

@@ -54,6 +54,7 @@ function listen() {
     state.frameBefore = state.status?.frame ?? null;
     state.status = JSON.parse(event.data);
     state.statusAt = Date.now();
+    state.toldAt = Number(event.lastEventId);
     byId("login").hidden = true;
     show();
     plot();

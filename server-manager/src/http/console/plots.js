@@ -50,8 +50,8 @@ export function startPlots() {
 
 /** Adds the last status to the plots. */
 export function plot() {
-  const now = performance.now();
-  const { status } = state;
+  // Statuses that a network held up come all at once.
+  const { status, toldAt: now } = state;
   if (before && before.epoch !== status.epoch) before = null;
   PLOTS.forEach(([title, unit, value], index) => {
     const values = series[index];

@@ -6,6 +6,8 @@ export const state = {
   /** The last status, and when it came, in milliseconds. */
   status: null,
   statusAt: 0,
+  /** When the manager told it, in milliseconds of the manager's clock. */
+  toldAt: 0,
   /** The frame of the status before. */
   frameBefore: null,
 };
