@@ -154,14 +154,14 @@ pub async fn run(
     network.close_door();
     drop(metrics);
     if let Some(reason) = leadership.as_ref().and_then(Leadership::lost_reason) {
-        hub.shut_down(&Goodbye::closed(reason)).await;
+        Box::pin(hub.shut_down(&Goodbye::closed(reason))).await;
         return Err(ManagerError::LeaseLost(reason.to_owned()));
     }
     if let Some(Stopping::WithServers(job)) = hub.stopping {
         hub.stop_servers(job, &mut inbox).await;
     }
     hub.settle_answers().await;
-    hub.shut_down(&goodbye).await;
+    Box::pin(hub.shut_down(&goodbye)).await;
     drop((http, network));
     if let Some(leadership) = leadership {
         leadership.release_after(&goodbye);

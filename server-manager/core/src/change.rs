@@ -447,7 +447,9 @@ impl Cluster {
             })
             .map(|(id, _)| id)
             .collect();
-        ready.into_iter().for_each(|id| self.registry.set_prepared(id, now));
+        for id in ready {
+            self.registry.set_prepared(id, now);
+        }
         // Last: this may begin a frame, which goes to those that can draw it, and to no other.
         self.stop_waiting_for(&channels.concat(), now);
     }

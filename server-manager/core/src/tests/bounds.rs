@@ -175,7 +175,9 @@ fn a_lower_rate_brings_detail_back_before_the_next_frame() {
         let status = stage.cluster.status(stage.now);
         assert_eq!((status.error_in_force_px, status.resolution_scale), (ERROR_PX_MAX, 0.25));
         assert_eq!(status.warnings.len(), 1, "{:?}", status.warnings);
-        lower.iter().for_each(|&rate_fps| stage.bound(rate(rate_fps)));
+        for &rate_fps in lower {
+            stage.bound(rate(rate_fps));
+        }
         let status = stage.cluster.status(stage.now);
         assert_eq!((status.error_in_force_px, status.resolution_scale), (0.0, 1.0), "{lower:?}");
         assert!(status.warnings.is_empty(), "{:?}", status.warnings);
