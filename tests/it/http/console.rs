@@ -435,16 +435,16 @@ fn check_steering(page: &Page, browser: &mut Browser) {
 /// A mouse whose button was let go elsewhere moves nothing.
 fn check_lost_release(page: &Page, browser: &mut Browser) {
     let before = presentation(page).camera;
-    let mut mouse = |kind: &str, x: f64, buttons: u32| {
+    let mut mouse = |kind: &str, x: f64, button: &str, buttons: u32| {
         let event = serde_json::json!({
-            "type": kind, "x": x, "y": 250, "button": "right", "buttons": buttons, "clickCount": 1,
+            "type": kind, "x": x, "y": 250, "button": button, "buttons": buttons, "clickCount": 1,
         });
         browser.call("Input.dispatchMouseEvent", &event);
     };
-    mouse("mousePressed", 300.0, 2);
-    mouse("mouseMoved", 420.0, 0);
+    mouse("mousePressed", 300.0, "right", 2);
+    mouse("mouseMoved", 420.0, "none", 0);
     // It has its release now, so that what follows begins with a mouse without buttons.
-    mouse("mouseReleased", 420.0, 0);
+    mouse("mouseReleased", 420.0, "right", 0);
     browser.value(
         "document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', \
          { key: '-', bubbles: true }))",
