@@ -419,7 +419,7 @@ impl ChannelOutput {
         };
         let picture = self.shown.as_ref().map(|shown| &shown.picture).filter(|_| !is_black);
         let taken = match &mut self.surface {
-            OutputSurface::Nowhere => Ok(()),
+            OutputSurface::Nowhere => Ok(true),
             OutputSurface::Window(display) => display.present(gpu, picture, &labels),
             #[cfg(test)]
             OutputSurface::Offscreen(_) if self.is_broken => Err("it is to be so".to_owned()),
@@ -428,12 +428,12 @@ impl ChannelOutput {
                 let (output, surface) = &mut **offscreen;
                 output.draw(gpu, picture, &labels, surface.view(), surface.size());
                 self.presents += 1;
-                Ok(())
+                Ok(true)
             }
         };
         // One that could not take it is asked again with the next news.
-        self.presented = taken.is_ok().then_some(content);
-        taken
+        self.presented = matches!(taken, Ok(true)).then_some(content);
+        taken.map(drop)
     }
 
     fn show_idle(&mut self, gpu: &Gpu, size: [u32; 2], lines: Vec<String>) {

@@ -116,6 +116,7 @@ impl WindowOutput {
     }
 
     /// Copies the picture to the window, or black, with these labels over it, and presents it.
+    /// Returns whether it could: a window that changes its size, or that nobody sees, takes none.
     ///
     /// # Errors
     /// Why the window could not take it.
@@ -124,7 +125,7 @@ impl WindowOutput {
         gpu: &Gpu,
         picture: Option<&OutputTexture>,
         labels: &[Label],
-    ) -> Result<(), String> {
+    ) -> Result<bool, String> {
         use wgpu::CurrentSurfaceTexture as Current;
         let is_fine = picture.is_some_and(|it| it.content() == ImageEncoding::FineCodes);
         // Black is shown as what was there.
@@ -141,10 +142,10 @@ impl WindowOutput {
             Current::Outdated | Current::Lost => {
                 // A resize that we have not been told of yet; the next frame finds it right.
                 self.resize(gpu, self.window.inner_size());
-                return Ok(());
+                return Ok(false);
             }
             // Nobody can see it now.
-            Current::Timeout | Current::Occluded => return Ok(()),
+            Current::Timeout | Current::Occluded => return Ok(false),
             Current::Validation => return Err("the window's surface is not valid".to_owned()),
         };
         let view = texture.texture.create_view(&wgpu::TextureViewDescriptor::default());
@@ -152,7 +153,7 @@ impl WindowOutput {
         output.draw(gpu, picture, labels, &view, size);
         self.window.pre_present_notify();
         gpu.queue.present(texture);
-        Ok(())
+        Ok(true)
     }
 }
 

@@ -95,13 +95,12 @@ impl ExtrasList {
     }
 }
 
-/// Returns for each node whether it is hidden in its file while no clip is played, by itself or
-/// with what it hangs from.
+/// Returns for each node whether its file hides it, by itself or with what it hangs from. One that
+/// clips show is not: they play from the start.
 pub(super) fn hidden_nodes(scene: &Scene) -> Vec<bool> {
     let mut hidden = vec![false; scene.nodes.len()];
-    let of_file = scene.extras.iter().filter(|of| of.is_hidden).map(|of| of.node);
-    for node in of_file.chain(scene.animations.hidden_at_rest()) {
-        if let Some(is_hidden) = hidden.get_mut(node as usize) {
+    for of in scene.extras.iter().filter(|of| of.is_hidden) {
+        if let Some(is_hidden) = hidden.get_mut(of.node as usize) {
             *is_hidden = true;
         }
     }

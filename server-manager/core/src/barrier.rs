@@ -323,7 +323,9 @@ impl Cluster {
         let present = self.pipeline.iter().find(|b| b.revision == drawn.revision);
         let shown = (self.shown.revision == drawn.revision).then_some(self.shown_digest);
         let is_past = present.is_some_and(|b| b.is_past);
-        let Some(digest) = present.map(|b| b.digest).or(shown) else { return };
+        let Some(digest) = present.map(|b| b.digest).or(shown) else {
+            return self.record_past_draw(now, drawn);
+        };
         if drawn.digest != digest {
             self.handle_divergence(now, from, "its state has another digest than the manager's");
             return;

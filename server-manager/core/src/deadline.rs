@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use polyptych_protocol::server_message::FrameRendered;
 use polyptych_wall::DeadlinePolicy;
 use serde::{Deserialize, Serialize};
 
@@ -72,6 +73,16 @@ impl Cluster {
     pub(super) fn frame_waits(&self) -> (Micros, Micros) {
         let lead = self.swap_lead();
         (self.deadline.length() + lead, self.deadline.longest() + lead)
+    }
+
+    /// A channel has drawn a frame of a state before the one that is shown. It was in time all the
+    /// same: where a program edits at each frame, a late channel would never be so otherwise.
+    pub(super) fn record_past_draw(&mut self, now: Micros, drawn: &FrameRendered) {
+        let began = self.beginnings.of(drawn.frame, self.frame).map(|(began, _)| began);
+        if began.is_some() && drawn.revision < self.shown.revision {
+            let (length, _) = self.frame_waits();
+            self.registry.record_draw(drawn.channel, drawn.draw_us, now, began, length);
+        }
     }
 
     /// Takes the times of a frame that ends, for the deadline and the rate bound. A test pattern

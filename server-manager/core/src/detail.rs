@@ -38,7 +38,11 @@ impl Cluster {
     /// Bounds error and rate from the next frame on.
     pub(super) fn set_bounds(&mut self, bounds: QualityBounds) -> Result<(), String> {
         bounds.validate()?;
-        self.rate_bound.set_rate(self.presentation.bounds.rate_fps, bounds.rate_fps);
+        let is_paused = self.pacer.pace().is_none();
+        if self.rate_bound.set_rate(self.presentation.bounds.rate_fps, bounds.rate_fps, is_paused) {
+            // What is drawn in full takes longer than what was.
+            self.deadline.restart();
+        }
         self.presentation.bounds = bounds;
         Ok(())
     }
@@ -118,18 +122,15 @@ impl Cluster {
                 self.wall.sync.swap_lead_ms
             ));
         }
-        let (name, channels, draw_us) = self.slowest_server().unwrap_or(("?", 1, 0));
-        let (who, of_all) = if channels > 1 {
-            (format!("the server of channel {name}"), format!(" for its {channels} channels"))
-        } else {
-            (format!("channel {name}"), String::new())
-        };
+        let (name, draw_us) = self.slowest_server().unwrap_or(("?", 0));
+        // The same words for all numbers: what has other words is told as news.
+        let who = format!("the server of channel {name}");
         let draw_ms = draw_us as f64 / 1000.0;
         if self.rate_bound.is_unmet(bounds) {
             let least = 100.0 * resolution_scale(RESOLUTION_STEPS_MAX);
             return Some(format!(
                 "the rate bound of {rate} frames per second is not kept: {who} draws \
-                 {draw_ms:.1} ms{of_all} even with an error of {ERROR_PX_MAX} pixels and {least} % \
+                 {draw_ms:.1} ms for all its channels even with an error of {ERROR_PX_MAX} pixels and {least} % \
                  of the pixels along each side; lower the bound, or the pixels of the channel"
             ));
         }
@@ -137,16 +138,16 @@ impl Cluster {
         (scale < 1.0).then(|| {
             format!(
                 "the wall draws {:.0} % of its pixels along each side to keep {rate} frames per \
-                 second: {who} is the slowest, with {draw_ms:.1} ms{of_all}; lower the rate bound, \
-                 or the pixels of the channel",
+                 second: {who} is the slowest, with {draw_ms:.1} ms for all its channels; \
+                 lower the rate bound, or the pixels of the channel",
                 100.0 * scale
             )
         })
     }
 
     /// The server that drew longest for all of its channels, one after another: the name of the
-    /// one that took longest, the number of its channels that drew, and the time of all of them.
-    fn slowest_server(&self) -> Option<(&str, usize, Micros)> {
+    /// one that took longest, and the time of all of them.
+    fn slowest_server(&self) -> Option<(&str, Micros)> {
         let mut servers: BTreeMap<SessionId, Vec<(u32, &str)>> = BTreeMap::new();
         for (_, channel) in self.registry.channels() {
             if let (Some(server), Some(draw_us)) = (channel.server, channel.draw_us) {
@@ -159,6 +160,6 @@ impl Cluster {
         });
         let (sum_us, channels) = sums.max_by_key(|(sum_us, _)| *sum_us)?;
         let &(_, name) = channels.iter().max()?;
-        Some((name, channels.len(), sum_us))
+        Some((name, sum_us))
     }
 }

@@ -204,7 +204,7 @@ impl Cluster {
         };
         if expected.is_some_and(|digest| digest != prepared.digest) {
             self.resynchronise(now, &[from], "it prepared another state than was sent");
-            return;
+            return self.advance_change(now);
         }
         let Some(server) = self.registry.server_mut(from) else { return };
         server.prepared = Some(prepared.revision);

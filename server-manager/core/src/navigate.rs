@@ -8,7 +8,7 @@ use glam::{DQuat, DVec2, DVec3};
 use polyptych_protocol::navigation::{Flight, Navigation};
 use polyptych_scene::Bounds;
 use polyptych_wall::camera::Camera;
-use polyptych_wall::{ChannelCalibration, ChannelId, Orientation, Wall};
+use polyptych_wall::{ChannelCalibration, ChannelId, ChannelKind, Orientation, Surface, Wall};
 use serde::{Deserialize, Serialize};
 
 use super::{Cluster, Micros, SessionId};
@@ -57,20 +57,31 @@ struct Picture {
 
 impl Picture {
     /// The channel's picture as seen from `eye`, by the middle of its pixels; an upright one that
-    /// is as wide as it is far away if only a file knows more.
+    /// is as wide as it is far away if only the screen's file knows more.
     fn new(wall: &Wall, id: ChannelId, eye: DVec3) -> Self {
         let unknown = Self { right: DVec3::X, down: DVec3::NEG_Y, distance_m: 1.0 };
         let (Some(channel), Some(pixels)) = (wall.channel(id), wall.channel_mapping(id)) else {
             return unknown;
         };
-        let size = channel.size.as_dvec2();
-        let middle = size / 2.0;
+        let (screen, size) = (wall.screen_of(channel), channel.size.as_dvec2());
+        // Only the file of a warp knows its pixels. Of a plane it has those about its window's
+        // place, which is upright on it; of other screens any.
+        let is_map = channel.cover == ChannelKind::Map;
+        let display_from = |place| match is_map {
+            true => screen.display_from_canvas(place),
+            false => pixels.display_from_pixel(place),
+        };
+        let middle = match screen.surface {
+            Surface::Plane(_) if is_map => channel.origin.as_dvec2() + size / 2.0,
+            _ if is_map => screen.canvas.as_dvec2() / 2.0,
+            _ => size / 2.0,
+        };
         let along = |step: DVec2| {
             let ends = [middle - step / 2.0, middle + step / 2.0];
-            let [from, to] = ends.map(|place| pixels.display_from_pixel(place));
+            let [from, to] = ends.map(display_from);
             Some(to? - from?)
         };
-        let point = pixels.display_from_pixel(middle);
+        let point = display_from(middle);
         let (Some(right), Some(down), Some(point)) = (along(DVec2::X), along(DVec2::Y), point)
         else {
             return unknown;
@@ -260,7 +271,7 @@ mod tests {
     use glam::UVec2;
     use polyptych_wall::projector::Projector;
     use polyptych_wall::surface::{Cylinder, Plane};
-    use polyptych_wall::{Channel, ChannelKind, Screen, Surface};
+    use polyptych_wall::{Channel, Screen};
 
     use super::*;
 
@@ -407,6 +418,17 @@ mod tests {
         lens.cover = ChannelKind::Map;
         let lens = way_of_a_pan(&Wall::new("w", vec![screen], vec![lens]));
         assert!(lens.abs_diff_eq(DVec3::X, 1e-6), "{lens}");
+    }
+
+    #[test]
+    fn a_pan_over_a_warped_tile_goes_along_its_screen() {
+        let mut wall = wall();
+        let plain = Picture::new(&wall, ChannelId(0), DVec3::ZERO);
+        wall.channels[0].cover = ChannelKind::Map;
+        let warped = Picture::new(&wall, ChannelId(0), DVec3::ZERO);
+        assert!(warped.right.abs_diff_eq(plain.right, 1e-9), "{} {}", warped.right, plain.right);
+        assert!(warped.down.abs_diff_eq(plain.down, 1e-9), "{} {}", warped.down, plain.down);
+        assert!((warped.distance_m - plain.distance_m).abs() < 1e-9);
     }
 
     #[test]

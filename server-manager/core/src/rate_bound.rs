@@ -125,15 +125,18 @@ impl RateBound {
     }
 
     /// Takes another rate, in frames per second; `None` for none. Where it asks for less, all that
-    /// the one before cost goes at once, since a wall that is paused has no frames to lower it
-    /// with. That the one before was not kept says nothing of a higher one either.
-    pub fn set_rate(&mut self, before: Option<f64>, rate: Option<f64>) {
-        let asks_less = |rate: f64| before.is_some_and(|before| rate < before);
-        if rate.is_none_or(asks_less) {
+    /// the one before cost goes at once on a wall that is paused, which has no frames to lower it
+    /// with. That the one before was not kept says nothing of another one. Returns whether there
+    /// was anything to go.
+    pub fn set_rate(&mut self, before: Option<f64>, rate: Option<f64>, is_paused: bool) -> bool {
+        let asks_less = |rate: f64| is_paused && before.is_some_and(|before| rate < before);
+        let is_restarted = before.is_some() && rate.is_none_or(asks_less);
+        if is_restarted {
             self.restart();
         } else if rate != before {
             self.unmet = 0;
         }
+        is_restarted
     }
 
     /// Takes the time in which the slowest server drew a frame that the wall waited for, with this

@@ -30,6 +30,9 @@ use super::{ClientRequest, Cluster, Micros, SessionId, StateChange};
 /// stands still, where a program sends 60 a second.
 pub(super) const TRANSACTIONS_MAX: usize = 256;
 
+/// Transactions that a client may still ask for when what they wait for is waited for no longer.
+const SPARE_TRANSACTIONS: usize = 32;
+
 /// One who waits until a transaction is seen.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct EditWaiter {
@@ -361,7 +364,12 @@ impl Cluster {
             return Err("another scene is being opened; edit it once it is shown".into());
         }
         let waiting = self.changes.editors().map(EditWaiter::job).chain(self.editing.jobs());
-        if waiting.filter(|of| of.client == job.client).count() >= TRANSACTIONS_MAX {
+        let waiting = waiting.filter(|of| of.client == job.client).count();
+        if waiting == TRANSACTIONS_MAX - SPARE_TRANSACTIONS {
+            // They come faster than what they wait for: none is to be lost for that.
+            self.changes.end_holds(now);
+        }
+        if waiting >= TRANSACTIONS_MAX {
             return Err(format!(
                 "{TRANSACTIONS_MAX} transactions of this client are waiting already; await some \
                  first"

@@ -63,6 +63,14 @@ impl ChangeQueue {
         let current = self.current().map(|change| &change.purpose);
         matches!(current, Some(ChangeOrigin::Residency)) && self.waiting() > 0
     }
+
+    /// What waits behind a part of a scene, or for a server that catches up, waits no longer.
+    pub fn end_holds(&mut self, now: Micros) {
+        if self.waits_for_part() {
+            self.expire_by(now);
+        }
+        self.end_catch_up_by(now);
+    }
 }
 
 impl Cluster {

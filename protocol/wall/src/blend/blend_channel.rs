@@ -234,10 +234,12 @@ impl<'a> BlendChannel<'a> {
         }
         let places = (0..=REACH_STEPS).flat_map(|y| (0..=REACH_STEPS).map(move |x| (x, y)));
         let place = |(x, y)| DVec2::new(f64::from(x), f64::from(y)) / f64::from(REACH_STEPS);
-        // Where some miss the screen, nobody knows what lies between the others and its end.
-        let lit: Option<Vec<DVec3>> =
-            places.map(|at| map.display_from_pixel(place(at) * self.size)).collect();
-        let lit = lit?;
+        let lit: Vec<DVec3> =
+            places.filter_map(|at| map.display_from_pixel(place(at) * self.size)).collect();
+        // Where most of them miss the screen, little is known of what lies between the others.
+        if 2 * lit.len() < (REACH_STEPS as usize + 1).pow(2) {
+            return None;
+        }
         let middle = lit.iter().sum::<DVec3>() / lit.len() as f64;
         let radius = lit.iter().map(|point| point.distance(middle)).fold(0.0, f64::max);
         // What lies between the places looked at bulges by less than the steps between them.

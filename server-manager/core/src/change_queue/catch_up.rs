@@ -84,6 +84,13 @@ impl ChangeQueue {
         self.catch_ups.remove(now, session);
     }
 
+    /// Ends the wait at this time at the latest.
+    pub fn end_catch_up_by(&mut self, at: Micros) {
+        if let Some(wait) = &mut self.catch_ups.current {
+            wait.ends = wait.ends.min(at);
+        }
+    }
+
     /// A server is gone.
     pub fn forget_catch_up(&mut self, now: Micros, session: SessionId) {
         self.catch_ups.remove(now, session);

@@ -184,6 +184,19 @@ fn a_lower_rate_brings_detail_back_before_the_next_frame() {
     }
 }
 
+#[test]
+fn a_lower_rate_of_a_wall_that_runs_brings_detail_back_by_steps() {
+    let rate = |rate_fps| QualityBounds { error_px: 0.0, rate_fps };
+    let mut stage = ClusterFixture::new(2);
+    stage.bound(rate(Some(1000.0)));
+    for _ in 0..40 {
+        stage.bounded_frame(|_| [30_000; 2]);
+    }
+    stage.request(Request::Run(Pacing::Rate(20.0)));
+    stage.bound(rate(Some(900.0)));
+    assert!(stage.cluster.status(stage.now).error_in_force_px > 1.0, "all would be late at once");
+}
+
 /// That a rate is not kept is known of that rate, after frames with it.
 #[test]
 fn a_higher_rate_is_not_said_to_be_missed_before_a_frame() {
@@ -234,7 +247,7 @@ fn a_server_of_several_channels_limits_with_the_time_of_all_of_them() {
     let Some((_, Ok(Response::Statistics(all)))) = stage.replies.pop() else { panic!("none") };
     assert_eq!(all.limiting_channel.as_deref(), Some("c3"));
     let warnings = stage.cluster.status(stage.now).warnings;
-    let told = "the server of channel c3 draws 56.0 ms for its 4 channels even with";
+    let told = "the server of channel c3 draws 56.0 ms for all its channels even with";
     assert!(warnings.iter().any(|warning| warning.contains(told)), "{warnings:?}");
 }
 

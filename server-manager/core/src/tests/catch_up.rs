@@ -87,3 +87,44 @@ fn changes_that_settle_as_a_frame_ends_are_all_answered() {
         assert_eq!(stage.replies.iter().filter(|(of, _)| *of == id).count(), 1, "{id:?}");
     }
 }
+
+#[test]
+fn edits_behind_a_server_that_catches_up_are_not_refused_for_their_number() {
+    let mut stage = joining();
+    edit_once(&mut stage, 0.0);
+    stage.prepare(SessionId(1));
+    let asked: Vec<_> = (0..300)
+        .map(|x| {
+            let id = stage.edit(moving(TREE, f64::from(x)));
+            stage.prepare(SessionId(0));
+            stage.draw(&[0], 1_000);
+            id
+        })
+        .collect();
+    let refused = stage.replies.iter().find(|(id, reply)| asked.contains(id) && reply.is_err());
+    assert_eq!(refused, None);
+}
+
+#[test]
+fn a_late_channel_gets_back_in_though_each_frame_is_overtaken_by_an_edit() {
+    let mut stage = ClusterFixture::with_house(2);
+    stage.order_frame();
+    stage.draw(&[0], 1_000);
+    while stage.state(1) != ChannelState::Late {
+        stage.wait(10_000);
+    }
+    for x in 0..20 {
+        stage.order_frame();
+        let drawn = stage.drawn(1);
+        let is_sent = stage.frames.last().is_some_and(|(_, frame)| frame.frame == drawn.frame);
+        stage.draw(&[0], 5_000);
+        stage.edit(moving(TREE, f64::from(x)));
+        stage.prepare(SessionId(0));
+        stage.wait(7_000);
+        if is_sent {
+            stage.say(SessionId(1), ServerMessage::Drawn(drawn));
+        }
+        stage.prepare(SessionId(1));
+    }
+    assert_eq!(stage.state(1), ChannelState::Live);
+}

@@ -321,6 +321,8 @@ fn a_part_that_takes_three_seconds_comes_though_a_program_edits_at_every_frame()
         }
     }
     assert_eq!(stage.cluster.shown.seen_from[0].position.x, 10.0);
+    let refused = stage.replies.iter().find(|(_, reply)| reply.is_err());
+    assert_eq!(refused, None, "no edit is lost");
 }
 
 #[test]
