@@ -67,9 +67,12 @@ impl Picture {
         // Only the file of a warp knows its pixels. Of a plane it has those about its window's
         // place, which is upright on it; of other screens any.
         let is_map = channel.cover == ChannelKind::Map;
-        let display_from = |place| match is_map {
-            true => screen.display_from_canvas(place),
-            false => pixels.display_from_pixel(place),
+        let display_from = |place| {
+            if is_map {
+                screen.display_from_canvas(place)
+            } else {
+                pixels.display_from_pixel(place)
+            }
         };
         let middle = match screen.surface {
             Surface::Plane(_) if is_map => channel.origin.as_dvec2() + size / 2.0,
