@@ -130,8 +130,9 @@ impl Cluster {
             let least = 100.0 * resolution_scale(RESOLUTION_STEPS_MAX);
             return Some(format!(
                 "the rate bound of {rate} frames per second is not kept: {who} draws \
-                 {draw_ms:.1} ms for all its channels even with an error of {ERROR_PX_MAX} pixels and {least} % \
-                 of the pixels along each side; lower the bound, or the pixels of the channel"
+                 {draw_ms:.1} ms for all its channels even with an error of {ERROR_PX_MAX} pixels \
+                 and {least} % of the pixels along each side; lower the bound, or the pixels of \
+                 the channel"
             ));
         }
         let scale = self.resolution_scale();
