@@ -131,10 +131,11 @@ impl LocalWall {
         };
         let manager = start_manager(listener, options, stop.clone())?;
         let end = Arc::new(EndRequest::default());
+        // Before there are processes: until then a signal ends this one on the spot.
+        end_on_interrupt(&end, folder.path())?;
         let supervisor = Supervisor::start(commands, RESTARTS, on_line(&end))?;
         end.add_stop(stop.clone());
         end.add_stop(supervisor.stop_token());
-        end_on_interrupt(&end, folder.path())?;
         let mut connect = ConnectOptions::new(address);
         connect.token = Some(token.clone());
         connect.keys = None;
