@@ -217,16 +217,23 @@ impl ProjectorRow {
     }
 }
 
+/// A pixel's angle is taken over a half of it, or a half of that, and so on: as many times.
+const HALVES_MAX: i32 = 10;
+
 /// The larger one of the angles that a pixel at this place spans across and down.
 fn degrees_per_pixel(map: &ChannelMapping<'_>, eye: DVec3, at: DVec2) -> Option<f64> {
     let over = |step: DVec2| {
         let point = |t: f64| map.display_from_pixel(at + step * t);
-        let (from, to, length) = match (point(-0.5), point(0.5)) {
-            (Some(from), Some(to)) => (from, to, 1.0),
-            (Some(from), None) => (from, point(0.0)?, 0.5),
-            (None, Some(to)) => (point(0.0)?, to, 0.5),
-            (None, None) => return None,
-        };
+        let middle = point(0.0);
+        // What is lit may be less than a pixel wide.
+        let halves = (1..=HALVES_MAX).map(|n| 0.5f64.powi(n));
+        let mut spans = halves.filter_map(|half| match (point(-half), point(half)) {
+            (Some(from), Some(to)) => Some((from, to, 2.0 * half)),
+            (Some(from), None) => Some((from, middle?, half)),
+            (None, Some(to)) => Some((middle?, to, half)),
+            (None, None) => None,
+        });
+        let (from, to, length) = spans.next()?;
         Some(angular_size::angle(from - eye, to - eye).to_degrees() / length)
     };
     let step = over(DVec2::X)?.max(over(DVec2::Y)?);
