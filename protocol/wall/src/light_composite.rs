@@ -10,6 +10,7 @@
 //! and of pinned, bent or warped pictures, light is linear. Of a map that is folded, one of the
 //! pixels that show a place is among them.
 
+use std::cell::OnceCell;
 use std::ops::Range;
 
 use glam::{DVec2, DVec3, UVec2};
@@ -146,12 +147,25 @@ impl<'a> LightComposite<'a> {
                 *sum = Some(sum.unwrap_or_default() + light);
             }
         };
+        // Of a mesh each takes a search, which all projectors share.
+        let spots = OnceCell::new();
         for shown in &self.shown {
             let (origin, size) = (shown.lamp.channel.origin, shown.lamp.channel.size);
             if shown.lamp.is_plain_tile() {
                 let Some(y) = y.checked_sub(origin.y).filter(|y| *y < size.y) else { continue };
                 (0..size.x)
                     .for_each(|x| add(origin.x + x, shown.leaking(shown.pixel(UVec2::new(x, y)))));
+                continue;
+            }
+            if shown.may_have_holes() {
+                let middle = |x: u32| DVec2::new(f64::from(x), f64::from(y)) + 0.5;
+                let spot = |x: u32| shown.lamp.spot_on(middle(x));
+                let spots = spots.get_or_init(|| (0..self.canvas.x).map(spot).collect::<Vec<_>>());
+                for (x, spot) in (0..).zip(spots) {
+                    if let Some(pixel) = spot.as_ref().and_then(|of| shown.lamp.lit_pixel_of(of)) {
+                        add(x, shown.leaking(shown.between(pixel)));
+                    }
+                }
                 continue;
             }
             for begin in (0..self.canvas.x).step_by(SPAN as usize) {
@@ -223,17 +237,17 @@ impl<'a> LinearImage<'a> {
         DVec3::new(light(0), light(1), light(2))
     }
 
+    /// Returns whether what it lights may have holes, and ends, between any two pixels: a map or a
+    /// mesh says what that is.
+    fn may_have_holes(&self) -> bool {
+        let is_tile = self.lamp.channel.cover == ChannelKind::Tile;
+        !is_tile && self.lamp.smoothness() == Smoothness::Faceted
+    }
+
     /// Calls `put` with each pixel of a row of the canvas that it lights, and the place of its
-    /// picture that does: exact where the span is bent or a file says what is lit, else between
-    /// both ends.
+    /// picture that does: exact where the span is bent, else between both ends.
     fn span(&self, y: u32, columns: Range<u32>, mut put: impl FnMut(u32, DVec2)) {
         let canvas = |x: f64| DVec2::new(x, f64::from(y) + 0.5);
-        let is_tile = self.lamp.channel.cover == ChannelKind::Tile;
-        if !is_tile && self.lamp.smoothness() == Smoothness::Faceted {
-            // Between the ends of a span a map or a mesh may have holes, and ends.
-            let lit = |x: u32| Some((x, self.lamp.lit_pixel(canvas(f64::from(x) + 0.5))?));
-            return columns.filter_map(lit).for_each(|(x, pixel)| put(x, pixel));
-        }
         let place = |x: f64| self.lamp.pixel(canvas(x));
         let (first, last) = (f64::from(columns.start) + 0.5, f64::from(columns.end) - 0.5);
         let found = (place(first), place(f64::midpoint(first, last)), place(last));

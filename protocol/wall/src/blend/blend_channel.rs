@@ -157,8 +157,8 @@ impl<'a> BlendChannel<'a> {
         self.spot_on(self.canvas(pixel)?)
     }
 
-    /// The spot at a place of the canvas of its screen.
-    fn spot_on(&self, canvas: DVec2) -> Option<Spot> {
+    /// The spot at a place of the canvas of its screen; the same for all channels of the screen.
+    pub fn spot_on(&self, canvas: DVec2) -> Option<Spot> {
         Some(Spot { canvas, point: self.map.as_ref()?.screen().display_from_canvas(canvas) })
     }
 
@@ -182,8 +182,12 @@ impl<'a> BlendChannel<'a> {
         if self.channel.cover == ChannelKind::Tile {
             return self.pixel(canvas).filter(|pixel| self.contains(*pixel));
         }
+        self.lit_pixel_of(&self.spot_on(canvas)?)
+    }
+
+    /// The place of its picture that lights a spot.
+    pub fn lit_pixel_of(&self, spot: &Spot) -> Option<DVec2> {
         // What lies beside the picture needs no ray that says what stands before it.
-        let spot = self.spot_on(canvas)?;
         let pixel = self.map.as_ref()?.pixel_at(spot.canvas, spot.point)?;
         (self.contains(pixel) && self.faces(spot.point)).then_some(pixel)
     }
