@@ -103,10 +103,25 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// Imports an archive, and tells what was assumed.
 fn archive(arguments: &Arguments, wall_file: &Path) -> anyhow::Result<()> {
-    for name in mpcdi::file_names(&arguments.file)? {
-        let file = arguments.output.join(name);
-        outputs::check_made(&file, arguments.force, slice::from_ref(&arguments.file))?;
+    let names = mpcdi::file_names(&arguments.file)?;
+    let maps: Vec<PathBuf> = names.iter().map(|name| arguments.output.join(name)).collect();
+    for map in &maps {
+        outputs::check_made(map, arguments.force, slice::from_ref(&arguments.file))?;
     }
+    let is_new = |map: &&PathBuf| fs::symlink_metadata(map).is_err();
+    let new: Vec<&PathBuf> = maps.iter().filter(is_new).collect();
+    let done = unpack(arguments, wall_file);
+    if done.is_err() {
+        // Another try would refuse to replace them.
+        for map in new {
+            let _ = fs::remove_file(map);
+        }
+    }
+    done
+}
+
+/// Writes the maps of an archive and its wall file.
+fn unpack(arguments: &Arguments, wall_file: &Path) -> anyhow::Result<()> {
     let imported = mpcdi::import(&arguments.file, &arguments.output, &AtomicBool::new(false))?;
     let text = wall_text(arguments, &imported)?;
     check_text(&text, wall_file)?;
