@@ -328,6 +328,10 @@ fn warm_up(
         let is_metered = !is_automatic || client.presentation()?.exposure != before;
         let has_detail = !feedback.detail.awaits_detail || is_over(DETAIL_TIME_MAX);
         if frames >= WARM_UP_FRAMES && has_detail && (is_metered || is_over(METERING_TIME_MAX)) {
+            if feedback.detail.awaits_detail {
+                let waited = DETAIL_TIME_MAX.as_secs();
+                say(format_args!("note: after {waited} s more detail is still on its way"))?;
+            }
             return Ok(navigations);
         }
     }
