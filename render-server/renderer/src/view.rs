@@ -27,10 +27,11 @@ const DEPTH_MIN_M: f64 = 1e-3;
 const DEPTH_UNKNOWN: f64 = 1e6;
 
 /// The logarithm of a density of fog that is none; see `fog_passed_from_afar` in `fog.wgsl`.
-const FOG_LOG_OF_NONE: f64 = -1e4;
+const FOG_LOG_OF_NONE: f64 = -3e38;
 
-/// The largest logarithm of a density, either way, whose f32 has three digits behind the point.
-const FOG_LOG_MAX: f64 = 9000.0;
+/// The logarithms of densities at the eye: what is thinner is none, but far below the eye it may be
+/// dense, so that only what f32 cannot hold is cut off; what is denser is solid.
+const FOG_LOG_RANGE: [f64; 2] = [-1e30, 9000.0];
 
 /// One view of a scene onto a target.
 #[derive(Clone, Debug)]
@@ -271,7 +272,7 @@ impl ViewDesc {
         let fog = self.fog.filter(|_| !self.is_parallel());
         let color = fog.map_or(Vec3::ZERO, |fog| fog.color.into());
         let fog_log = fog.map_or(FOG_LOG_OF_NONE, |fog| {
-            fog.log_density(self.eye_in_world.y).clamp(-FOG_LOG_MAX, FOG_LOG_MAX)
+            fog.log_density(self.eye_in_world.y).clamp(FOG_LOG_RANGE[0], FOG_LOG_RANGE[1])
         });
         let grid = scene.layout.lights.grid.as_ref();
         let from_eye = |grid: &LampGrid| (grid.origin - self.eye_in_world).as_vec3();

@@ -21,7 +21,7 @@ fn fog_passed_from_afar(along: vec3<f32>) -> f32 {
     let climb = along.y * inverseSqrt(max(dot(along, along), 1e-30)) * frame.fog_fall;
     let thick = min(fog_density(frame.fog.w) / max(climb, 1e-30), 80.0);
     let passed = select(0.0, exp(-thick), climb > 0.0);
-    return select(passed, 1.0, frame.fog.w < -9500.0);
+    return select(passed, 1.0, frame.fog.w < -1e37);
 }
 
 // Exposed light of the fog itself.

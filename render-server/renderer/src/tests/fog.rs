@@ -1,7 +1,7 @@
 //! Fog: each pixel against the formula in f64, on all kinds of surfaces and behind them, and
 //! without a seam.
 
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec3};
@@ -95,6 +95,29 @@ fn each_pixel_has_the_light_that_passes_and_the_light_of_the_fog() {
                 assert!(error < 0.009, "{error}: unlit {is_unlit}, pane {has_pane}, {fog:?}");
             }
         }
+    }
+}
+
+#[test]
+fn ground_under_a_thin_layer_is_seen_from_any_height() {
+    let mut stage = SceneFixture::new();
+    (stage.desc.sky, stage.ground) = (SKY, Some(GROUND));
+    let material = stage.material(Material { unlit: true, ..matt(0.5, 0.3, 0.1) });
+    let ground = stage.mesh(&MeshFixture::rectangle(1e5, 1e5), Some(material));
+    stage.node(ground, DAffine3::from_rotation_x(-FRAC_PI_2));
+    let scene = stage.build();
+    let fog = Fog { half_height: Some(2.0), ..Fog::even(500.0) };
+    let glow = ((SKY + GROUND) * 0.5).as_dvec3();
+    // At 30 km the density at the eye is e to the power of -10,400.
+    for height in [100.0, 20e3, 30e3, 200e3] {
+        let (eye, at) = (DVec3::new(0.0, height, height), DVec3::ZERO);
+        let clear = ViewDesc { tone: ToneMapper::None, ..look(eye, at, SIZE) };
+        let foggy = ViewDesc { fog: Some(fog), ..clear.clone() };
+        let [clear, shown] = [clear, foggy].map(|view| draw(&scene, SIZE, &view));
+        let middle = [SIZE[0] / 2, SIZE[1] / 2];
+        let wanted = glow.lerp(light(&clear, middle), fog.passed(eye, at));
+        let error = (light(&shown, middle) - wanted).abs().max_element();
+        assert!(error < 0.009, "{error} from {height}");
     }
 }
 
