@@ -206,11 +206,15 @@ impl OcclusionTextures {
     pub fn new(gpu: &Gpu, held: Option<Self>, wanted: [[u32; 2]; 2]) -> Self {
         let side_max = gpu.device.limits().max_texture_dimension_2d;
         let grown = |side: u32| side.next_multiple_of(SIDE_STEP).min(side_max);
-        let sizes = wanted.map(|sides| sides.map(grown));
+        let mut sizes = wanted.map(|sides| sides.map(grown));
         if let Some(held) = held {
             let (has, wanted) = (held.sizes.as_flattened(), wanted.as_flattened());
             if has.iter().zip(wanted).all(|(has, wanted)| has >= wanted) {
                 return held;
+            }
+            // Channels that stand and channels that lie have room in the same ones.
+            for (side, has) in sizes.as_flattened_mut().iter_mut().zip(has) {
+                *side = (*side).max(*has);
             }
         }
         let make = |label, format, [width, height]: [u32; 2]| {
