@@ -280,6 +280,11 @@ impl Gpu {
         self.adapter.get_info().backend == wgpu::Backend::Gl
     }
 
+    /// Returns how many layers a texture needs of which so many are read as an array.
+    pub(crate) fn array_layers(&self, layers: u32) -> u32 {
+        array_layers(self.is_gl(), layers)
+    }
+
     /// Returns whether a texture can be written as sRGB and as plain bytes; `false` with GL.
     pub(crate) fn views_other_formats(&self) -> bool {
         let flags = self.adapter.get_downlevel_capabilities().flags;
@@ -338,5 +343,23 @@ fn keep(fault: &Mutex<Option<GpuFault>>, losses: &AtomicU64, kind: GpuFaultKind,
         warn!(fault = reason, "gpu");
         *first = Some(GpuFault { kind, reason });
         losses.fetch_add(1, Ordering::SeqCst);
+    }
+}
+
+/// By GL one layer is no array, and six are a cube, whatever a view says: what is none is read as
+/// black.
+fn array_layers(is_gl: bool, layers: u32) -> u32 {
+    let is_array = layers > 1 && !layers.is_multiple_of(6);
+    if is_gl && !is_array { layers + 1 } else { layers }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arrays_of_gl_have_a_number_of_layers_that_is_no_other_kind() {
+        assert_eq!([1, 2, 3, 6, 7, 12].map(|of| array_layers(true, of)), [2, 2, 3, 7, 7, 13]);
+        assert_eq!([1, 6].map(|of| array_layers(false, of)), [1, 6]);
     }
 }

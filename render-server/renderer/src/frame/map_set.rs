@@ -248,9 +248,7 @@ pub(super) fn texture(
     [side, layers]: [u32; 2],
     usage: wgpu::TextureUsages,
 ) -> wgpu::Texture {
-    // By GL one layer is no array, and six are a cube, whatever a view says.
-    let is_array = layers > 1 && !layers.is_multiple_of(6);
-    let layers = if gpu.is_gl() && !is_array { layers + 1 } else { layers };
+    let layers = gpu.array_layers(layers);
     gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("shadow/maps"),
         size: wgpu::Extent3d { width: side, height: side, depth_or_array_layers: layers },

@@ -39,8 +39,11 @@ impl LightMap {
         };
         let layers = (texels.len() / (width as usize * height as usize)) as u32;
         // The shader takes the lower byte first, whatever the machine does.
-        let bytes: Vec<u8> =
+        let mut bytes: Vec<u8> =
             texels.iter().flatten().flat_map(|number| number.to_le_bytes()).collect();
+        let layer_bytes = bytes.len() / layers as usize;
+        let layers = gpu.array_layers(layers);
+        bytes.resize(layers as usize * layer_bytes, 0);
         let descriptor = wgpu::TextureDescriptor {
             label: Some("correct/light_map"),
             size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
