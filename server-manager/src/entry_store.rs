@@ -4,7 +4,10 @@
 //! PostgreSQL, and its blobs into an object store: all that an entry needs beside itself is named
 //! by hash.
 
-use std::path::PathBuf;
+use std::fs::OpenOptions;
+use std::io::{self, ErrorKind};
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use polyptych_scene::limits::EDITS_BYTES_MAX;
@@ -17,6 +20,9 @@ const ENTRIES_MAX: usize = 1024;
 
 /// Maximum number of bytes that an entry takes in memory.
 const ENTRY_BYTES_MAX: usize = 8 * EDITS_BYTES_MAX;
+
+/// Bytes of the magic number with which redb's files begin.
+const MAGIC_BYTES: usize = 9;
 
 /// A kind of entries.
 pub(crate) trait Entry: Serialize + DeserializeOwned + Send + 'static {
@@ -75,6 +81,9 @@ pub(crate) struct StoreFile {
 type Table = TableDefinition<'static, &'static str, (&'static [u8], &'static [u8])>;
 type Rows = ReadOnlyTable<&'static str, (&'static [u8], &'static [u8])>;
 
+/// The result of a call, unless the file failed.
+type Done<T> = Result<Result<T, String>, redb::Error>;
+
 const fn table<E: Entry>() -> Table {
     TableDefinition::new(E::TABLE)
 }
@@ -84,13 +93,26 @@ impl StoreFile {
         Self { path, turn: Mutex::default() }
     }
 
-    fn with<T>(
-        &self,
-        work: impl FnOnce(&Database) -> Result<Result<T, String>, redb::Error>,
-    ) -> Result<T, String> {
+    /// Works with the file, which is made if it is missing.
+    fn with<T>(&self, work: impl FnOnce(&Database) -> Done<T>) -> Result<T, String> {
+        self.in_turn(|_| {
+            let file = Database::create(&self.path)?;
+            work(&file)
+        })
+    }
+
+    /// Works with the file; if nothing was ever saved, with `None`, and none is made.
+    fn with_saved<T>(&self, work: impl FnOnce(Option<&Database>) -> Done<T>) -> Result<T, String> {
+        self.in_turn(|is_begun| {
+            let file = is_begun.then(|| Database::create(&self.path)).transpose()?;
+            work(file.as_ref())
+        })
+    }
+
+    /// Waits for other calls to end, and then tells this one whether the file has a database.
+    fn in_turn<T>(&self, call: impl FnOnce(bool) -> Done<T>) -> Result<T, String> {
         let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
-        let done = Database::create(&self.path).map_err(redb::Error::from);
-        let done = done.and_then(|file| work(&file));
+        let done = is_begun(&self.path).map_err(redb::Error::from).and_then(call);
         let path = self.path.display();
         done.map_err(|error| format!("the file of saved scenes and sessions, {path}: {error}"))?
     }
@@ -132,7 +154,7 @@ impl<E: Entry> EntryStore<E> for StoreFile {
     }
 
     fn load(&self, name: &str) -> Result<E, String> {
-        self.with(|file| {
+        self.with_saved(|file| {
             let Some(rows) = rows::<E>(file)? else { return Ok(Err(unknown::<E>(&[], name))) };
             let Some(row) = rows.get(name)? else {
                 return Ok(Err(unknown::<E>(&names(&rows)?, name)));
@@ -142,7 +164,8 @@ impl<E: Entry> EntryStore<E> for StoreFile {
     }
 
     fn remove(&self, name: &str) -> Result<(), String> {
-        self.with(|file| {
+        self.with_saved(|file| {
+            let Some(file) = file else { return Ok(Err(unknown::<E>(&[], name))) };
             let change = file.begin_write()?;
             {
                 let mut rows = change.open_table(table::<E>())?;
@@ -156,7 +179,7 @@ impl<E: Entry> EntryStore<E> for StoreFile {
     }
 
     fn list(&self) -> Result<Vec<E::Summary>, String> {
-        self.with(|file| {
+        self.with_saved(|file| {
             let Some(rows) = rows::<E>(file)? else { return Ok(Ok(Vec::new())) };
             let mut all = Vec::new();
             for row in rows.iter()? {
@@ -177,8 +200,42 @@ fn decode<E: Entry, T: DeserializeOwned>(name: &str, bytes: &[u8]) -> Result<T, 
         .map_err(|error| format!("the saved {noun} {name} cannot be read: {error}"))
 }
 
+/// Returns whether a file holds a database; `false` if it is missing or empty.
+///
+/// A full disk, or a kill, while redb makes a file leaves one of some length that does not begin
+/// with the magic number, which redb writes last. Nothing was saved in such a file, and redb would
+/// refuse it from then on, so it is emptied here.
+///
+/// # Errors
+/// The file cannot be read or emptied, or its folder is missing.
+fn is_begun(path: &Path) -> io::Result<bool> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let file = match OpenOptions::new().read(true).write(true).open(path) {
+        Ok(file) => file,
+        // In a folder that is missing, no file can be made.
+        Err(error) if error.kind() == ErrorKind::NotFound && folder.is_none_or(Path::is_dir) => {
+            return Ok(false);
+        }
+        Err(error) => return Err(error),
+    };
+    let is_unfinished = || {
+        let mut magic = [0; MAGIC_BYTES];
+        file.read_exact_at(&mut magic, 0).is_ok() && magic == [0; MAGIC_BYTES]
+    };
+    // Another process that makes the file at this moment holds the same lock.
+    if is_unfinished() && file.try_lock().is_ok() {
+        if is_unfinished() {
+            file.set_len(0)?;
+        }
+        // Closing is not enough: a process that starts at this moment has the handle, too.
+        file.unlock()?;
+    }
+    Ok(file.metadata()?.len() > 0)
+}
+
 /// Returns the entries as they are now; `None` before the first one.
-fn rows<E: Entry>(file: &Database) -> Result<Option<Rows>, redb::Error> {
+fn rows<E: Entry>(file: Option<&Database>) -> Result<Option<Rows>, redb::Error> {
+    let Some(file) = file else { return Ok(None) };
     match file.begin_read()?.open_table(table::<E>()) {
         Ok(rows) => Ok(Some(rows)),
         Err(TableError::TableDoesNotExist(_)) => Ok(None),
@@ -278,6 +335,26 @@ mod tests {
         let error = store.save("a", &wide).expect_err("too much memory");
         assert!(error.contains("the list could not be read again"), "{error}");
         assert_eq!(store.load("a").expect("the old one").0, [7]);
+    }
+
+    #[test]
+    fn a_file_that_redb_has_not_finished_is_begun_again() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("wall.scenes");
+        let file = StoreFile::new(path.clone());
+        let store: &Store = &file;
+        assert_eq!(store.list(), Ok(Vec::new()));
+        let none = "no scene is saved as a; saved: none is";
+        assert_eq!(store.load("a").expect_err("none"), none);
+        assert_eq!(store.remove("a").expect_err("none"), none);
+        assert!(!path.exists(), "only saving makes the file");
+        // A full disk gives a file its length, and then takes no byte of it.
+        let unfinished = || std::fs::File::create(&path).and_then(|file| file.set_len(1 << 20));
+        unfinished().expect("made");
+        assert_eq!(store.list(), Ok(Vec::new()));
+        unfinished().expect("made");
+        store.save("a", &stored("town", 1)).expect("saved");
+        assert_eq!(store.load("a"), Ok(stored("town", 1)));
     }
 
     #[test]
