@@ -25,6 +25,9 @@ pub use timeline::{Event, Summary};
 pub struct ReplayReport {
     /// Each stretch of inputs without a gap, in order: the life of a manager, or a part of one.
     pub parts: Vec<ReplayRun>,
+    /// Segments that make no sense to this program, such as those of an older one. Each ends a
+    /// part.
+    pub unreadable_segments: u64,
     /// Inputs that were told again.
     pub inputs: u64,
     /// Inputs on which something was decided, and compared.
@@ -94,7 +97,7 @@ struct PendingCheck {
 /// Replays all that a recording holds.
 ///
 /// # Errors
-/// [`RingError`] where it can't be read, or was made by a program that this one does not know.
+/// [`RingError`] where it can't be read, or no segment of it makes sense to this program.
 pub fn replay(reader: &RingReader) -> Result<ReplayReport, RingError> {
     Ok(run(Replay::default(), reader)?.replayed)
 }
@@ -114,12 +117,12 @@ pub fn replay_lanes(
 }
 
 fn run(mut all: Replay, reader: &RingReader) -> Result<Replay, RingError> {
-    for &number in reader.segments() {
-        for record in reader.read(number)? {
-            all.read(record);
-        }
-    }
+    let unreadable_segments = reader.read_all(|records| match records {
+        Some(records) => records.into_iter().for_each(|record| all.read(record)),
+        None => all.end_part(),
+    })?;
     all.end_part();
+    all.replayed.unreadable_segments = unreadable_segments;
     Ok(all)
 }
 

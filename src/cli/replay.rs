@@ -71,6 +71,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let begin = Instant::now();
     let is_drawn = arguments.svg.is_some() || arguments.html.is_some();
     let replayed = if is_drawn { draw(&reader, arguments)? } else { replay(&reader)? };
+    warn_of_unreadable(replayed.unreadable_segments);
     if replayed.inputs == 0 {
         bail!("{}: nothing was recorded whole", arguments.file.display());
     }
@@ -197,6 +198,7 @@ fn keep(reader: &RingReader, name: &str, arguments: &Arguments) -> anyhow::Resul
     let named = || arguments.file.display().to_string();
     let incident = Incident::extract(reader, &cut, &arguments.about);
     let incident = incident.map_err(|reason| anyhow!("{reason}")).with_context(named)?;
+    warn_of_unreadable(incident.unreadable_segments());
     let (text, left_out) = incident.to_text().map_err(|reason| anyhow!("{reason}"))?;
     let kept = path.display();
     outputs::write(&path, text.as_bytes())?;
@@ -213,6 +215,17 @@ fn keep(reader: &RingReader, name: &str, arguments: &Arguments) -> anyhow::Resul
         )),
         // Kept all the same: that is what it is kept for.
         Err(reason) => say(format_args!("{kept}: {inputs}; a test of it fails: {reason}")),
+    }
+}
+
+/// Says how much of a recording is left out, if any.
+fn warn_of_unreadable(segments: u64) {
+    if segments > 0 {
+        let segments = counted(segments, "segment");
+        logging::say_warning(&format!(
+            "left out: {segments} of the recording, unreadable to this program; replay the rest \
+             with the release that wrote it"
+        ));
     }
 }
 

@@ -233,6 +233,29 @@ impl RingReader {
         &self.segments
     }
 
+    /// Reads all segments in order, and calls `each` with the records of each one; with `None`
+    /// for a segment that makes no sense to this program. Returns the number of those.
+    ///
+    /// # Errors
+    /// [`RingError::Malformed`] if no segment makes sense.
+    pub fn read_all(&self, mut each: impl FnMut(Option<Vec<Record>>)) -> Result<u64, RingError> {
+        let (mut first_error, mut malformed) = (None, 0);
+        for &segment in &self.segments {
+            match self.read(segment) {
+                Ok(records) => each(Some(records)),
+                Err(error) => {
+                    first_error.get_or_insert(error);
+                    malformed += 1;
+                    each(None);
+                }
+            }
+        }
+        match first_error {
+            Some(error) if malformed == self.segments.len() => Err(error),
+            _ => Ok(malformed as u64),
+        }
+    }
+
     /// All records of a segment that were written whole.
     ///
     /// # Errors

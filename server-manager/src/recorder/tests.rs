@@ -363,6 +363,33 @@ fn a_torn_recording_is_read_up_to_the_tear() {
 }
 
 #[test]
+fn a_segment_of_another_program_is_left_out_and_ends_a_part() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("wall.rec");
+    // One whole record, of a kind that no program has.
+    let add_other = || {
+        let mut ring = Ring::open_with(&path, SMALL_SEGMENT).expect("a file");
+        ring.write(ring.next_segment(), &[1, 0, 0, 0, 0xff]).expect("written");
+    };
+    add_other();
+    let open = || RingReader::open(&path).expect("a recording");
+    assert!(matches!(replay(&open()), Err(RingError::Malformed { segment: 0, .. })));
+    assert!(Incident::extract(&open(), &TimeRange::default(), "").is_err());
+    live(&path, SMALL_SEGMENT, 9, 300);
+    add_other();
+    let reader = open();
+    let replayed = replay(&reader).expect("the part between is readable");
+    assert_eq!((replayed.parts.len(), replayed.unreadable_segments), (1, 2));
+    assert_eq!((replayed.first_difference, replayed.violation), (None, None));
+    assert!(replayed.inputs > 50, "{} inputs", replayed.inputs);
+    let incident = Incident::extract(&reader, &TimeRange::default(), "").expect("cut");
+    assert_eq!(incident.unreadable_segments(), 2);
+    let (text, _) = incident.to_text().expect("text");
+    // One line is the beginning.
+    assert_eq!(text.lines().count() as u64, 1 + replayed.inputs);
+}
+
+#[test]
 fn another_decision_is_found() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, other) = (folder.path().join("a.rec"), folder.path().join("b.rec"));

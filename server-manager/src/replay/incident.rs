@@ -54,6 +54,8 @@ pub struct IncidentEntry {
 pub struct Incident {
     head: IncidentHeader,
     lines: Vec<IncidentEntry>,
+    /// Segments of its recording that make no sense to this program; 0 for a kept one.
+    unreadable_segments: u64,
 }
 
 /// A stretch of a recording.
@@ -92,11 +94,12 @@ impl Incident {
     /// The recording can't be read, or has no such stretch.
     pub fn extract(reader: &RingReader, cut: &TimeRange, about: &str) -> Result<Self, String> {
         let mut parts = RunSelector::default();
-        for &number in reader.segments() {
-            for record in reader.read(number).map_err(|error| error.to_string())? {
-                parts.read(record, cut);
-            }
-        }
+        let read = reader.read_all(|records| match records {
+            Some(records) => records.into_iter().for_each(|record| parts.read(record, cut)),
+            // Parts have the numbers of the timeline: the next segment begins another one.
+            None => parts.has_ended = true,
+        });
+        let unreadable_segments = read.map_err(|error| error.to_string())?;
         let count = parts.number;
         let (program, beginning, lines) =
             parts.kept.ok_or_else(|| format!("there is no such part; it has {count}"))?;
@@ -104,7 +107,7 @@ impl Incident {
             return Err("there is nothing in that time; the timeline shows what there is".into());
         }
         let head = IncidentHeader { incident: FORMAT, about: about.into(), program, beginning };
-        Ok(Self { head, lines })
+        Ok(Self { head, lines, unreadable_segments })
     }
 
     /// Returns the incident as text, and the number of inputs that text cannot hold, such as those
@@ -154,12 +157,17 @@ impl Incident {
         let lines = lines.map(|(number, line)| {
             serde_json::from_str(line).map_err(|error| (number, error.to_string()))
         });
-        Ok(Self { lines: lines.collect::<Result<_, _>>()?, head })
+        Ok(Self { lines: lines.collect::<Result<_, _>>()?, head, unreadable_segments: 0 })
     }
 
     /// Returns its description.
     pub fn description(&self) -> &str {
         &self.head.about
+    }
+
+    /// Returns the number of segments of its recording that make no sense to this program.
+    pub fn unreadable_segments(&self) -> u64 {
+        self.unreadable_segments
     }
 
     /// Tells it to a core, with that core's own timeouts in between, and then lets time pass
@@ -414,7 +422,8 @@ mod tests {
             program: "0.1.0".into(),
             beginning: InitialState::Fresh(Box::new(fresh)),
         };
-        let checked = Incident { head, lines: lines.collect() }.check().expect("all holds");
+        let incident = Incident { head, lines: lines.collect(), unreadable_segments: 0 };
+        let checked = incident.check().expect("all holds");
         assert!(checked.frames > 0 && checked.requests == 1, "{checked:?}");
     }
 }
