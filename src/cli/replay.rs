@@ -199,7 +199,8 @@ fn keep(reader: &RingReader, name: &str, arguments: &Arguments) -> anyhow::Resul
     let incident = Incident::extract(reader, &cut, &arguments.about);
     let incident = incident.map_err(|reason| anyhow!("{reason}")).with_context(named)?;
     warn_of_unreadable(incident.unreadable_segments());
-    let (text, left_out) = incident.to_text().map_err(|reason| anyhow!("{reason}"))?;
+    let text = incident.to_text().map_err(|reason| anyhow!("{reason}"));
+    let (text, left_out) = text.with_context(named)?;
     let kept = path.display();
     outputs::write(&path, text.as_bytes())?;
     if left_out > 0 {

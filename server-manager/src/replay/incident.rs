@@ -20,7 +20,8 @@ use crate::recorder::{InitialState, Record};
 /// The version of the text's format.
 const FORMAT: u32 = 1;
 
-/// Largest file that is read: what is kept for a test is a few seconds of a wall.
+/// Maximum bytes of a file that is written or read: what is kept for a test is a few seconds of a
+/// wall.
 const INCIDENT_BYTES_MAX: u64 = 64 << 20;
 
 /// Maximum time for the core to finish what is still open after the last input, in manager time: 64
@@ -114,7 +115,7 @@ impl Incident {
     /// with NaN; the core refuses those anyway.
     ///
     /// # Errors
-    /// The beginning can't be written as text.
+    /// The beginning can't be written as text, or the text is longer than [`Incident::load`] reads.
     pub fn to_text(&self) -> Result<(String, u64), String> {
         let mut text = serde_json::to_string(&self.head).map_err(|error| error.to_string())?;
         text.push('\n');
@@ -126,6 +127,12 @@ impl Incident {
                 let _ = writeln!(text, "{json}");
             } else {
                 left_out += 1;
+            }
+            if text.len() as u64 > INCIDENT_BYTES_MAX {
+                return Err(format!(
+                    "an incident has at most {INCIDENT_BYTES_MAX} bytes of text, and this one has \
+                     more; give --from and --to for a shorter time"
+                ));
             }
         }
         Ok((text, left_out))
@@ -375,6 +382,39 @@ mod tests {
         wall
     }
 
+    fn fresh() -> ClusterConfig {
+        ClusterConfig {
+            wall: wall(),
+            epoch: Epoch(7),
+            memory: None,
+            outline: None,
+            is_navigable: false,
+        }
+    }
+
+    fn incident(about: &str, fresh: ClusterConfig, lines: Vec<IncidentEntry>) -> Incident {
+        let head = IncidentHeader {
+            incident: FORMAT,
+            about: about.into(),
+            program: "0.1.0".into(),
+            beginning: InitialState::Fresh(Box::new(fresh)),
+        };
+        Incident { head, lines, unreadable_segments: 0 }
+    }
+
+    #[test]
+    fn a_text_that_is_too_long_to_be_read_again_is_refused() {
+        const LINES: usize = 4;
+        let name = "x".repeat(INCIDENT_BYTES_MAX as usize / LINES);
+        let input = Input::Client { session: SessionId(1), name };
+        let line = IncidentEntry { now: 1000, input };
+        let mut long = incident("a long name", fresh(), vec![line; LINES]);
+        let error = long.to_text().expect_err("longer by what is around the names");
+        assert!(error.contains("give --from and --to"), "{error}");
+        long.lines.pop();
+        assert_eq!(long.to_text().expect("short enough").1, 0);
+    }
+
     /// A server that has what the manager gives it first.
     fn prepared(fresh: &ClusterConfig, joins: &Input) -> Prepared {
         let mut prepared = None;
@@ -392,13 +432,7 @@ mod tests {
 
     #[test]
     fn a_frame_that_is_not_drawn_may_wait_for_the_swap_lead_too() {
-        let fresh = ClusterConfig {
-            wall: wall(),
-            epoch: Epoch(7),
-            memory: None,
-            outline: None,
-            is_navigable: false,
-        };
+        let fresh = fresh();
         let hello = ServerHello {
             name: "c0".into(),
             channels: vec!["c0".into()],
@@ -416,13 +450,7 @@ mod tests {
             Input::Request { client, id: RequestId(1), request },
         ];
         let lines = (1..).zip(inputs).map(|(at, input)| IncidentEntry { now: at * 1000, input });
-        let head = IncidentHeader {
-            incident: FORMAT,
-            about: "a server that never draws".into(),
-            program: "0.1.0".into(),
-            beginning: InitialState::Fresh(Box::new(fresh)),
-        };
-        let incident = Incident { head, lines: lines.collect(), unreadable_segments: 0 };
+        let incident = incident("a server that never draws", fresh, lines.collect());
         let checked = incident.check().expect("all holds");
         assert!(checked.frames > 0 && checked.requests == 1, "{checked:?}");
     }
