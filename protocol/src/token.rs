@@ -20,7 +20,8 @@ const TOKEN_BYTES_MAX: u64 = 256;
 pub enum TokenError {
     /// The manager makes it when it starts.
     #[error(
-        "{path} is not there; the manager makes it when it starts as the same user, without --keys"
+        "{path} is not there, or is empty; the manager makes it when it starts as the same user, \
+         without --keys"
     )]
     NotThere {
         /// The file.
@@ -62,7 +63,7 @@ pub fn default_path() -> Result<PathBuf, TokenError> {
     state.map(|folder| folder.join("polyptych/token")).ok_or(TokenError::Nowhere)
 }
 
-/// The token in this file.
+/// The token in this file. An empty one, as a power cut may leave it, counts as not there.
 ///
 /// # Errors
 /// [`TokenError`] where it is not there or no token.
@@ -80,6 +81,9 @@ pub fn read(path: &Path) -> Result<String, TokenError> {
         Ok(facts) => {
             if let Some(fault) = private_file::fault(path, &facts) {
                 return Err(TokenError::Open(fault));
+            }
+            if facts.len() == 0 {
+                return Err(TokenError::NotThere { path: path.to_owned() });
             }
         }
     }
@@ -108,10 +112,20 @@ pub fn read_or_create(path: &Path, secret: [u8; 16]) -> Result<String, TokenErro
     // A temporary file has mode 0600 from its first byte; persisting keeps it.
     let mut file = tempfile::NamedTempFile::new_in(folder).map_err(io_error)?;
     file.write_all(text.as_bytes()).map_err(io_error)?;
-    match file.persist_noclobber(path) {
-        Ok(_) => Ok(text),
+    // The bytes are on the disk before the name is: after a power cut no name is without them.
+    file.as_file().sync_all().map_err(io_error)?;
+    let Err(taken) = file.persist_noclobber(path) else { return Ok(text) };
+    // Managers look at it one after the other, so that only the first replaces an empty one. If
+    // the file system has no locks, two that start at the same moment may differ.
+    let present = fs::File::open(path).map_err(io_error)?;
+    let _ = present.lock();
+    match read(path) {
+        Err(TokenError::NotThere { .. }) => {
+            taken.file.persist(path).map_err(|failed| io_error(failed.error))?;
+            Ok(text)
+        }
         // Another manager was faster: its token holds for both.
-        Err(_) => read(path),
+        other => other,
     }
 }
 
@@ -135,5 +149,20 @@ mod tests {
         fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).expect("changed");
         fs::write(&path, "short").expect("overwritten");
         assert!(matches!(read(&path), Err(TokenError::Malformed { .. })));
+    }
+
+    #[test]
+    fn an_empty_file_is_replaced_by_one_with_a_token() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("token");
+        fs::write(&path, "").expect("made");
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).expect("changed");
+        assert!(matches!(read(&path), Err(TokenError::NotThere { .. })));
+        let made = read_or_create(&path, [0xab; 16]).expect("made");
+        assert_eq!(made, "ab".repeat(16));
+        assert_eq!(read_or_create(&path, [0xcd; 16]).expect("read"), made);
+        let mode = fs::metadata(&path).expect("facts").permissions().mode();
+        assert_eq!(mode & 0o777, 0o600);
     }
 }
