@@ -239,7 +239,11 @@ async fn bake(
         (last, err, child.wait().await)
     };
     let (last, err, status) = tokio::time::timeout(BAKE_TIME_MAX, work).await.map_err(|_| {
-        format!("{}: not baked within {} s", file.display(), BAKE_TIME_MAX.as_secs())
+        let (file, store, time) = (file.display(), baker.store.display(), BAKE_TIME_MAX.as_secs());
+        format!(
+            "{file}: not baked within {time} s; `polyptych bake {file} -o {store}` takes as long \
+             as it needs, and what it has made is found here"
+        )
     })?;
     let status = status.map_err(cannot)?;
     if std::os::unix::process::ExitStatusExt::signal(&status).is_some() {

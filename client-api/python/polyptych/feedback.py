@@ -389,7 +389,7 @@ class Statistics:
     #: Deadlines missed, over all channels.
     late: int
     triangles: int
-    #: One for each channel, as ``polyptych stats --json`` prints it.
+    #: One for each channel, as ``GET /api/v1/statistics`` gives it.
     channels: List[Dict[str, Any]] = field(default_factory=list)
 
 

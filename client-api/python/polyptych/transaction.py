@@ -124,7 +124,9 @@ class Transaction:
         Bytes take about four times as many in JSON: files over 1 MiB go by their path, in one of
         the manager's scene folders.
 
-        :param below: makes the file's own nodes too, below a node that is made for them.
+        :param below: makes the file's own nodes too, below a node that is made for them, in the
+            form of the wire: ``name`` and ``local`` (see :func:`placed`) and, where wanted,
+            ``parent``, ``mesh`` and ``light``.
         :raises ValueError: neither or both are given.
         """
         if (glb is None) == (file is None):

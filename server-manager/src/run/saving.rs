@@ -19,7 +19,8 @@ use crate::stored_session::StoredSession;
 
 /// The reason where nothing is kept.
 pub(super) const NO_STORE: &str = "this wall keeps no state, so it keeps neither scenes nor \
-                                   sessions; start its manager with `polyptych manager`";
+                                   sessions; start its manager by `polyptych manager`, without \
+                                   --afresh";
 
 /// The scenes and sessions that clients keep on a wall whose state is kept.
 #[derive(Clone)]

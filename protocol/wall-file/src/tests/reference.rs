@@ -126,7 +126,7 @@ const SECTIONS: &[Section] = &[
     Section {
         of: "EdgesSection",
         heading: "[channel.NAME.edges]",
-        example: "[channel.front-1-1.edges]\nright = 0.25\n",
+        example: "[channel.front-1-1.edges]\nright = 320.0\n",
         around: [
             "[wall]\nname = \"lab\"\n[[screen]]\nname = \"front\"\nsize = [4.0, 1.125]\n\
              center = [0.0, 1.6, -2.0]\n[screen.tiles]\ncolumns = 2\npixels = [1920, 1080]\n\
