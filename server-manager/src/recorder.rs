@@ -135,6 +135,14 @@ impl Recorder {
         Self::write_to(Ring::open(path)?, path)
     }
 
+    /// A recorder that writes nothing, for a wall that goes on though its recording cannot be
+    /// opened; the wall's status gives the reason.
+    pub fn without_file(reason: &RingError) -> Self {
+        let buffer = Buffer::new(0, 0);
+        buffer.give_up(format!("nothing is recorded: {reason}"));
+        Self { buffer: Arc::new(buffer), thread: None, epoch: None, started_unix_us: 0 }
+    }
+
     fn write_to(ring: Ring, path: &Path) -> Result<Self, RingError> {
         let buffer = Arc::new(Buffer::new(ring.next_segment(), ring.segment_bytes()));
         let (shared, name) = (Arc::clone(&buffer), path.display().to_string());

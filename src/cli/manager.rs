@@ -122,8 +122,9 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         let keys = load_keys(|| Credentials::load(folder), || thread::sleep(CLOCK_PERIOD))?;
         keys.expect_identity(&NodeIdentity::Manager)?;
     }
-    let mut listeners = Listeners::inherit_or_bind(&arguments, &listen)?;
+    let listeners = Listeners::inherit_or_bind(&arguments, &listen)?;
     let address = listeners.main.local_addr()?;
+    let mut listeners = Some(listeners);
     let token = match &arguments.token_file {
         Some(path) => path.clone(),
         None => token::default_path()?,
@@ -143,46 +144,77 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let mut is_asked_to_end = pin!(shutdown_signal(arguments.with_parent)?);
     is_running.store(true, Ordering::Relaxed);
-    let mut leadership = None;
-    if let Some(state) = memory.as_deref().filter(|_| arguments.standby) {
-        // Who does not lead accepts nothing, so that peers go on to the manager that does.
-        drop(listeners);
-        let time = arguments.lease_time.unwrap_or(LEASE_TIME_DEFAULT);
-        let end = is_asked_to_end.as_mut();
-        leadership = standby::wait(&runtime, state, address, time, notifier.as_ref(), end)?;
-        if leadership.is_none() {
-            return Ok(());
-        }
-        listeners = Listeners::bind(&arguments, &listen, None)?;
-    }
-    let Listeners { main: listener, metrics, http } = listeners;
     // Whoever sits before a display of another machine is not asked for the camera.
     let is_own = address.ip().is_loopback() && arguments.keys.is_none();
-    let is_navigable = arguments.navigate.unwrap_or(is_own);
-    let options = ManagerOptions {
+    let mut options = ManagerOptions {
         wall,
-        // With keys nobody is asked for it.
-        token: if arguments.keys.is_some() { String::new() } else { make_token(&token)? },
-        keys: arguments.keys,
+        token: String::new(),
+        keys: arguments.keys.clone(),
         scene_roots,
         baker,
         memory,
-        leadership,
-        is_navigable,
-        recorder: arguments.record.as_deref().map(Recorder::open).transpose()?,
-        metrics,
-        http,
+        leadership: None,
+        is_navigable: arguments.navigate.unwrap_or(is_own),
+        recorder: None,
+        metrics: None,
+        http: None,
         notifier,
     };
-    log_addresses(&options, address, &token)?;
+    if let Some(state) = options.memory.as_deref().filter(|_| arguments.standby) {
+        // Who does not lead accepts nothing, so that peers go on to the manager that does.
+        drop(listeners.take());
+        let time = arguments.lease_time.unwrap_or(LEASE_TIME_DEFAULT);
+        let (notifier, end) = (options.notifier.as_ref(), is_asked_to_end.as_mut());
+        let leadership = standby::wait(&runtime, state, address, time, notifier, end)?;
+        if leadership.is_none() {
+            return Ok(());
+        }
+        options.leadership = leadership;
+    }
+    let leadership = options.leadership.clone();
+    let opened = open(&arguments, &listen, listeners, &token, &mut options);
+    let listener = standby::or_release(leadership.as_ref(), opened)?;
     let goodbye = runtime.block_on(run_manager(listener, options, is_asked_to_end));
     // A folder or a resolver of names that does not answer is not waited for.
     runtime.shutdown_background();
-    let goodbye = goodbye?;
+    let goodbye = standby::or_release(leadership.as_ref(), goodbye)?;
     if arguments.with_parent && goodbye != Goodbye::Ended {
         say(WALL_STOPPED)?;
     }
     Ok(())
+}
+
+/// Opens the token, the recording and the sockets that are not open yet, for a manager that leads
+/// its wall or is the only one; returns the socket of its peers.
+fn open(
+    arguments: &Arguments,
+    listen: &str,
+    listeners: Option<Listeners>,
+    token: &Path,
+    options: &mut ManagerOptions,
+) -> anyhow::Result<TcpListener> {
+    let Listeners { main: listener, metrics, http } = match listeners {
+        Some(listeners) => listeners,
+        None => Listeners::bind(arguments, listen, None)?,
+    };
+    (options.metrics, options.http) = (metrics, http);
+    // With keys nobody is asked for it.
+    if arguments.keys.is_none() {
+        options.token = make_token(token)?;
+    }
+    if let Some(path) = &arguments.record {
+        options.recorder = Some(match Recorder::open(path) {
+            Ok(recorder) => recorder,
+            // The leader before may hang with the file open, and the wall goes on all the same.
+            Err(error) if options.leadership.is_some() => {
+                tracing::warn!(%error, "the wall goes on without its recording");
+                Recorder::without_file(&error)
+            }
+            Err(error) => return Err(error.into()),
+        });
+    }
+    log_addresses(options, listener.local_addr()?, token)?;
+    Ok(listener)
 }
 
 /// Ends this process if its parent ends before `is_running`: a bake takes minutes, in which no

@@ -59,8 +59,11 @@ fn start_manager(place: &TestDir, address: &str) -> Process {
         ["manager", "--standby", "--lease-time", LEASE_S, "--listen", address]
             .map(OsString::from)
             .to_vec();
-    let given: [(&str, PathBuf); 2] =
-        [("--state", place.path("shared/wall.state")), ("--scenes", place.path("scenes"))];
+    let given: [(&str, PathBuf); 3] = [
+        ("--state", place.path("shared/wall.state")),
+        ("--scenes", place.path("scenes")),
+        ("--record", place.path("wall.rec")),
+    ];
     arguments.extend(given.into_iter().flat_map(|(name, path)| [name.into(), path.into()]));
     arguments.push(place.path("wall.toml").into());
     place.start(&format!("manager {address}"), arguments)
@@ -189,6 +192,11 @@ fn a_leader_that_was_stopped_for_a_while_commands_no_server_any_more() {
     println!("moved again {} ms after the leader was stopped", stopped.elapsed().as_millis());
     let now = client.status().expect("status");
     assert_eq!((now.revision, &now.scene), (before.revision, &before.scene));
+    // The leader that stands still has the recording open.
+    let is_told = |warnings: &[String]| {
+        warnings.iter().any(|warning| warning.contains("another manager records there"))
+    };
+    assert_eq!([&before, &now].map(|status| is_told(&status.warnings)), [false, true], "{now:?}");
     let [old, new] = [before.leader, now.leader].map(|leader| leader.expect("a lease"));
     assert_eq!([old.term.0, new.term.0], [1, 2]);
     assert!(new.holder.starts_with(&pair.addresses[1]), "{new:?}");
@@ -267,6 +275,19 @@ fn a_leader_that_ends_in_order_is_followed_at_once_and_a_stopped_wall_by_nobody(
     for mut manager in pair.managers {
         manager.finish(wait::LIMIT).succeeded();
     }
+}
+
+#[test]
+fn a_standby_that_cannot_listen_gives_its_lease_up() {
+    let mut pair = Pair::start(&small(2, 1));
+    // While it waits, it listens nowhere.
+    let in_its_place = TcpListener::bind(&pair.addresses[1]).expect("its port is free");
+    pair.managers[0].signal(Signal::TERM);
+    pair.managers[0].finish(wait::LIMIT).succeeded();
+    pair.managers[1].finish(wait::LIMIT).failed(&[&pair.addresses[1], "is in use"]);
+    drop(in_its_place);
+    pair.managers[0] = start_manager(&pair.place, &pair.addresses[0]);
+    pair.managers[0].await_line(&["took over from", &pair.addresses[1], "which has ended"]);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::bail;
-use polyptych_manager::leadership::{Leadership, Waited};
+use polyptych_manager::leadership::{Leadership, Release, Waited};
 use polyptych_manager::lease::{LEASE_TIME_MAX, LEASE_TIME_MIN, LeaseFile, LeaseRecord};
 use polyptych_protocol::service_notifier::ServiceNotifier;
 
@@ -113,4 +113,18 @@ pub(super) fn wait(
     };
     watch.took_over(leadership.term().0);
     Ok(Some(leadership))
+}
+
+/// Gives the lease up where a manager that leads could not begin, since another manager of the wall
+/// may do better; returns what came.
+pub(super) fn or_release<T, E>(
+    leadership: Option<&Leadership>,
+    begun: Result<T, E>,
+) -> Result<T, E> {
+    // A lost one is another manager's, or its storage does not answer.
+    let held = leadership.filter(|of| begun.is_err() && of.lost_reason().is_none());
+    if let Some(held) = held {
+        held.release(Release::Ended);
+    }
+    begun
 }
