@@ -19,10 +19,10 @@ mod tests;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
-use std::thread::JoinHandle;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use buffer::Buffer;
+use buffer::{Buffer, RecordBatch};
 use effect_digest::EffectDigest;
 use polyptych_core::{Checkpoint, CheckpointOf, Cluster, Input, Micros, PersistentState};
 use polyptych_protocol::ids::Epoch;
@@ -33,6 +33,9 @@ use serde::{Deserialize, Serialize};
 
 /// Longest that an input waits in memory: what a killed manager loses of its recording.
 const FLUSH_PERIOD: Duration = Duration::from_millis(100);
+
+/// Maximum time that the end of a manager waits for the disk.
+const END_TIME_MAX: Duration = Duration::from_secs(1);
 
 /// One thing that a recording says.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -117,11 +120,12 @@ impl InitialState {
 
 type RecordRef<'a> = Record<CheckpointOf<'a>, &'a Input>;
 
-/// Writes a recording. Dropping it writes what is left.
+/// Writes a recording. Dropping it writes what is left, and waits a second at most for the disk.
 #[derive(Debug)]
 pub struct Recorder {
     buffer: Arc<Buffer>,
-    thread: Option<JoinHandle<()>>,
+    /// Disconnected as the thread ends, if there is one; nothing is sent.
+    ended: Option<Receiver<()>>,
     epoch: Option<Epoch>,
     started_unix_us: u64,
 }
@@ -140,16 +144,31 @@ impl Recorder {
     pub fn without_file(reason: &RingError) -> Self {
         let buffer = Buffer::new(0, 0);
         buffer.give_up(format!("nothing is recorded: {reason}"));
-        Self { buffer: Arc::new(buffer), thread: None, epoch: None, started_unix_us: 0 }
+        Self { buffer: Arc::new(buffer), ended: None, epoch: None, started_unix_us: 0 }
     }
 
-    fn write_to(ring: Ring, path: &Path) -> Result<Self, RingError> {
-        let buffer = Arc::new(Buffer::new(ring.next_segment(), ring.segment_bytes()));
-        let (shared, name) = (Arc::clone(&buffer), path.display().to_string());
-        let work = move || write_all(ring, &shared, &name);
-        let thread = std::thread::Builder::new().name("recorder".into()).spawn(work);
+    fn write_to(mut ring: Ring, path: &Path) -> Result<Self, RingError> {
+        let buffer = Buffer::new(ring.next_segment(), ring.segment_bytes());
+        let write = move |piece: &RecordBatch| ring.write(piece.segment, &piece.body);
         let failed = |source| RingError::Io { path: path.to_owned(), source };
-        Ok(Self { buffer, thread: Some(thread.map_err(failed)?), epoch: None, started_unix_us: 0 })
+        Self::start(buffer, path, write).map_err(failed)
+    }
+
+    fn start(
+        buffer: Buffer,
+        path: &Path,
+        write: impl FnMut(&RecordBatch) -> io::Result<()> + Send + 'static,
+    ) -> io::Result<Self> {
+        let buffer = Arc::new(buffer);
+        let (shared, name) = (Arc::clone(&buffer), path.display().to_string());
+        let (end, ended) = sync_channel(1);
+        let work = move || {
+            write_all(write, &shared, &name);
+            drop(end);
+        };
+        // It is not joined: a frozen disk may hold it for ever.
+        std::thread::Builder::new().name("recorder".into()).spawn(work)?;
+        Ok(Self { buffer, ended: Some(ended), epoch: None, started_unix_us: 0 })
     }
 
     /// A life of the manager begins.
@@ -210,18 +229,18 @@ impl Drop for Recorder {
             self.note(&Record::End);
         }
         self.buffer.close();
-        if let Some(thread) = self.thread.take() {
-            // It has logged what went wrong.
-            let _ = thread.join();
+        let Some(ended) = &self.ended else { return };
+        // What else went wrong was logged.
+        if ended.recv_timeout(END_TIME_MAX) == Err(RecvTimeoutError::Timeout) {
+            tracing::warn!("the disk of the recording does not answer; its end may be missing");
         }
     }
 }
 
 /// Empties the buffer into the file until the recorder is dropped or the disk fails.
-fn write_all(mut ring: Ring, buffer: &Buffer, path: &str) {
+fn write_all(mut write: impl FnMut(&RecordBatch) -> io::Result<()>, buffer: &Buffer, path: &str) {
     while let Some(pieces) = buffer.take(FLUSH_PERIOD) {
-        let written: io::Result<()> =
-            pieces.iter().try_for_each(|piece| ring.write(piece.segment, &piece.body));
+        let written = pieces.iter().try_for_each(&mut write);
         if let Err(error) = written {
             // The wall goes on: it was never there for its recording.
             tracing::error!(path, %error, "the recording breaks off here");

@@ -502,6 +502,22 @@ fn an_incident_may_end_while_a_scene_is_baked_and_a_session_is_read() {
 }
 
 #[test]
+fn a_disk_that_stands_still_does_not_hold_the_end_of_a_recorder() {
+    let (thaw, thawed) = sync_channel::<()>(0);
+    let frozen = move |_: &RecordBatch| thawed.recv().map_err(io::Error::other);
+    let buffer = Buffer::new(0, SMALL_SEGMENT);
+    let recorder = Recorder::start(buffer, Path::new("wall.rec"), frozen).expect("a thread");
+    let (end, ended) = sync_channel(1);
+    let drops = move || {
+        drop(recorder);
+        end.send(()).expect("the test listens");
+    };
+    std::thread::Builder::new().name("end".into()).spawn(drops).expect("a thread");
+    ended.recv_timeout(Duration::from_mins(1)).expect("the disk is not waited for");
+    drop(thaw);
+}
+
+#[test]
 fn channel_states_are_named_in_order() {
     let cluster = Cluster::new(wall(), Epoch(1));
     let states: Vec<_> = cluster.channel_states().map(|(name, state, ..)| (name, state)).collect();
