@@ -106,6 +106,8 @@ async fn accept(listener: std::net::TcpListener, events: mpsc::Sender<Event>) {
                 .header_read_timeout(REQUEST_TIME_MAX)
                 .max_buf_size(REQUEST_BYTES_MAX)
                 .keep_alive(false)
+                // A client may end its side behind the request, as `nc -N` does.
+                .half_close(true)
                 .serve_connection(TokioIo::new(stream), service);
             match tokio::time::timeout(CONNECTION_TIME_MAX, connection).await {
                 Ok(Ok(())) => {}
@@ -158,4 +160,27 @@ fn with_type(status: StatusCode, content_type: &'static str, text: String) -> Re
     *response.status_mut() = status;
     response.headers_mut().insert(CONTENT_TYPE, HeaderValue::from_static(content_type));
     response
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Read, Write};
+    use std::net::{Shutdown, TcpStream};
+
+    use super::*;
+
+    #[test]
+    fn a_client_that_sends_no_more_is_answered() {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+        let address = listener.local_addr().expect("an address");
+        let mut client = TcpStream::connect(address).expect("connected");
+        client.write_all(b"GET / HTTP/1.1\r\nHost: wall\r\n\r\n").expect("sent");
+        client.shutdown(Shutdown::Write).expect("half closed");
+        // It is met only now, so that the end is there with the request.
+        let (events, _inbox) = mpsc::channel(1);
+        let _running = start(listener, events).expect("a thread");
+        let mut answer = String::new();
+        client.read_to_string(&mut answer).expect("the connection ends in order");
+        assert!(answer.starts_with("HTTP/1.1 404"), "{answer:?}");
+    }
 }
