@@ -14,8 +14,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, BufReader};
-use tokio::process::{Child, Command};
+use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, AsyncWriteExt, BufReader};
+use tokio::process::{Child, ChildStdin, Command};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::sync::CancellationToken;
 
@@ -50,6 +50,9 @@ pub(crate) struct ChildCommand {
     pub gate: Option<Arc<Semaphore>>,
     /// `true` if its standard error goes to [`OnLine`]; otherwise to that of this process.
     pub reports_errors: bool,
+    /// Time between two bytes on its standard input, for a child on another machine: a network
+    /// that breaks does not end its input. `None` to write nothing.
+    pub signs_of_life: Option<Duration>,
 }
 
 /// The state of a child.
@@ -216,7 +219,7 @@ async fn run_once(shared: &SupervisedChild, stop: &CancellationToken) -> Option<
         state.begun = command.gate.is_none().then(Instant::now);
     });
     // Held here: waiting for a child closes the input that it still has.
-    let input = child.stdin.take();
+    let mut input = child.stdin.take();
     let output = child.stdout.take();
     let output = output.map(|output| tokio::spawn(read_output(output, shared.clone(), permit)));
     let errors = child.stderr.take();
@@ -231,6 +234,7 @@ async fn run_once(shared: &SupervisedChild, stop: &CancellationToken) -> Option<
             }
             Some(status.map_or_else(|error| error.to_string(), |status| status.to_string()))
         }
+        never = send_signs_of_life(input.as_mut(), command.signs_of_life) => never,
         () = overdue(shared) => {
             drop(input);
             end(child).await;
@@ -242,6 +246,21 @@ async fn run_once(shared: &SupervisedChild, stop: &CancellationToken) -> Option<
             None
         }
     }
+}
+
+/// Writes signs of life to a child, and never returns. Nothing waits for a child that reads none or
+/// has closed its input.
+async fn send_signs_of_life<T>(input: Option<&mut ChildStdin>, period: Option<Duration>) -> T {
+    if let (Some(input), Some(period)) = (input, period) {
+        loop {
+            tokio::time::sleep(period).await;
+            // An empty line means nothing to whatever reads it.
+            if input.write_all(b"\n").await.is_err() {
+                break;
+            }
+        }
+    }
+    std::future::pending().await
 }
 
 /// Returns when the beginning of a start has taken too long; never without a gate.

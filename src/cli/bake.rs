@@ -19,7 +19,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, nice, setrlimit};
 
 use super::remote::say_notes;
 use super::say;
-use super::shutdown_signal::watch_shutdown_signals;
+use super::shutdown_signal::{parent_end, watch_shutdown_signals};
 use crate::{logging, progress};
 
 mod upload;
@@ -335,7 +335,8 @@ fn cancel_on_interrupt(interruption: &Arc<Interruption>, with_parent: bool) -> a
             end_in_order(&interruption);
         }
     };
-    let watched = watch_shutdown_signals(with_parent, on_request);
+    let parent = with_parent.then(parent_end).transpose();
+    let watched = parent.and_then(|parent| watch_shutdown_signals(parent, on_request));
     watched.context("cannot wait for Ctrl-C; does the memory limit allow a thread?")
 }
 

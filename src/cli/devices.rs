@@ -28,7 +28,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let ended = shutdown_signal(false)?;
+        let ended = shutdown_signal(None)?;
         tokio::select! {
             result = bridge_loop::run(&wall, &arguments.manager) => result,
             () = ended => Ok(()),

@@ -2,13 +2,14 @@
 
 mod standby;
 
-use std::io::{ErrorKind, Read};
+use std::io::ErrorKind;
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
+use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{self, JoinHandle};
+use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
@@ -23,7 +24,7 @@ use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 use polyptych_wall::Wall;
 
 use super::bake_arguments::BakeArguments;
-use super::shutdown_signal::shutdown_signal;
+use super::shutdown_signal::{ParentEnd, SILENCE_MAX, shutdown_signal, watch_input};
 use super::{bake_files, cache_folder, http, load_wall, log_file_warnings, say};
 use crate::logging;
 use crate::state_lock::{self, StateLock};
@@ -115,9 +116,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let mut wall = load_wall(&arguments.wall)?;
     let listen = arguments.listen.clone().unwrap_or_else(|| wall.listen.clone());
     let is_running = Arc::new(AtomicBool::new(false));
-    if arguments.with_parent {
-        end_with_parent(&is_running)?;
-    }
+    let parent = arguments.with_parent.then(|| end_with_parent(&is_running)).transpose()?;
     if let Some(folder) = &arguments.keys {
         let keys = load_keys(|| Credentials::load(folder), || thread::sleep(CLOCK_PERIOD))?;
         keys.expect_identity(&NodeIdentity::Manager)?;
@@ -142,7 +141,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let _lock = memory.as_deref().map(lock).transpose()?;
     let notifier = ServiceNotifier::from_environment(arguments.alive.as_deref())?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let mut is_asked_to_end = pin!(shutdown_signal(arguments.with_parent)?);
+    let mut is_asked_to_end = pin!(shutdown_signal(parent)?);
     is_running.store(true, Ordering::Relaxed);
     // Whoever sits before a display of another machine is not asked for the camera.
     let is_own = address.ip().is_loopback() && arguments.keys.is_none();
@@ -219,28 +218,24 @@ fn open(
 
 /// Ends this process if its parent ends before `is_running`: a bake takes minutes, in which no
 /// event loop notices. Bakers end by their own standard input.
-fn end_with_parent(is_running: &Arc<AtomicBool>) -> std::io::Result<()> {
-    let watch = watch_input(std::io::stdin(), Arc::clone(is_running), || {
+fn end_with_parent(is_running: &Arc<AtomicBool>) -> std::io::Result<ParentEnd> {
+    watch_early(std::io::stdin(), Arc::clone(is_running), || {
         logging::finish();
         std::process::exit(0);
-    });
-    watch.map(drop)
+    })
 }
 
-/// Calls `end`, on a thread of its own, if the input ends before `is_running`.
-fn watch_input(
-    mut input: impl Read + Send + 'static,
+/// Calls `end`, on a thread of its own, if the parent at the input is gone before `is_running`.
+fn watch_early(
+    input: impl AsFd + Send + 'static,
     is_running: Arc<AtomicBool>,
     end: impl FnOnce() + Send + 'static,
-) -> std::io::Result<JoinHandle<()>> {
-    let watch = move || {
-        // What cannot be read has ended, too.
-        let _ = std::io::copy(&mut input, &mut std::io::sink());
+) -> std::io::Result<ParentEnd> {
+    watch_input(input, SILENCE_MAX, move || {
         if !is_running.load(Ordering::Relaxed) {
             end();
         }
-    };
-    thread::Builder::new().name("early-parent".into()).spawn(watch)
+    })
 }
 
 /// Loads the manager's keys. Machines without a battery start in the past: until their time has
@@ -462,8 +457,9 @@ mod tests {
         for runs in [false, true] {
             let (end, has_ended) = std::sync::mpsc::sync_channel(1);
             let end = move || end.send(()).expect("heard");
-            let watch = watch_input(std::io::empty(), Arc::new(AtomicBool::new(runs)), end);
-            watch.expect("a thread").join().expect("no panic");
+            let (input, _) = std::io::pipe().expect("a pipe");
+            let ends = watch_early(input, Arc::new(AtomicBool::new(runs)), end);
+            ends.expect("a thread").blocking_recv().expect_err("nobody is there to say it");
             assert_eq!(has_ended.try_recv().is_ok(), !runs);
         }
     }

@@ -21,7 +21,7 @@ use polyptych_tls::{Credentials, CredentialsError, NodeIdentity};
 use rustix::process::{Signal, getpid, kill_process};
 
 use super::address::addresses;
-use super::shutdown_signal::shutdown_signal;
+use super::shutdown_signal::{parent_end, shutdown_signal};
 use super::{MANAGER_VARIABLE, cache_folder, say};
 use crate::simulator::local_wall::WINDOW_CLOSED;
 
@@ -153,7 +153,8 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         notifier: ServiceNotifier::from_environment(arguments.alive.as_deref())?.map(Arc::new),
         on_close: arguments.tell_closed.then_some(tell_parent as fn(&str)),
     };
-    let is_asked_to_end = shutdown_signal(arguments.with_parent)?;
+    let parent = arguments.with_parent.then(parent_end).transpose()?;
+    let is_asked_to_end = shutdown_signal(parent)?;
     match run_server(options, Box::pin(is_asked_to_end)) {
         Err(error @ ServerError::DriverBusy) => {
             tracing::warn!(%error, "ending at once");

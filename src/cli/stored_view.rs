@@ -120,7 +120,7 @@ fn travel(client: &Client, camera: Camera, time: Duration) -> anyhow::Result<boo
 fn stop_requests() -> std::io::Result<mpsc::Receiver<()>> {
     let (ask, asked) = mpsc::sync_channel(1);
     let mut is_asked = false;
-    watch_shutdown_signals(false, move || {
+    watch_shutdown_signals(None, move || {
         if is_asked {
             std::process::exit(i32::from(INTERRUPTED));
         }

@@ -162,7 +162,7 @@ fn end_on_signals(ends: SyncSender<End>) -> anyhow::Result<()> {
         // Processes end when their standard input does.
         std::process::exit(i32::from(INTERRUPTED));
     };
-    Ok(watch_shutdown_signals(false, on_request)?)
+    Ok(watch_shutdown_signals(None, on_request)?)
 }
 
 /// The printed state of the wall.

@@ -102,6 +102,6 @@ fn line_of(latest: &Latest, json: bool) -> anyhow::Result<String> {
 fn ended_by_signal() -> anyhow::Result<Arc<AtomicBool>> {
     let is_over = Arc::new(AtomicBool::new(false));
     let ended = Arc::clone(&is_over);
-    watch_shutdown_signals(false, move || ended.store(true, Ordering::Relaxed))?;
+    watch_shutdown_signals(None, move || ended.store(true, Ordering::Relaxed))?;
     Ok(is_over)
 }

@@ -315,6 +315,7 @@ fn server_commands(
             environment,
             gate: None,
             reports_errors: false,
+            signs_of_life: None,
         }
     };
     Ok(servers.into_iter().map(command).collect())
@@ -357,7 +358,7 @@ fn end_on_interrupt(end: &Arc<EndRequest>, folder: &Path) -> anyhow::Result<()> 
         end.request(Ending::Interrupted);
     }
     if !watch.is_running {
-        watch_shutdown_signals(false, interrupt)?;
+        watch_shutdown_signals(None, interrupt)?;
         watch.is_running = true;
     }
     Ok(())

@@ -21,6 +21,7 @@ fn child(name: &str, script: &str) -> ChildCommand {
         environment: Vec::new(),
         gate: None,
         reports_errors: true,
+        signs_of_life: None,
     }
 }
 
@@ -79,6 +80,14 @@ fn a_gate_opens_although_children_of_an_ended_child_hold_its_output() {
         assert!(Instant::now() < deadline, "{:?}", supervisor.states());
         std::thread::yield_now();
     }
+}
+
+#[test]
+fn a_child_elsewhere_is_sent_signs_of_life() {
+    let signs_of_life = Some(Duration::from_millis(1));
+    let script = "read -r _ && read -r _ && echo alive && exec cat";
+    let (_supervisor, said) = start(vec![ChildCommand { signs_of_life, ..child("a", script) }]);
+    assert_eq!(said.recv_timeout(LIMIT).expect("a line"), "a>alive");
 }
 
 #[test]

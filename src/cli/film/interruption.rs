@@ -30,7 +30,7 @@ impl Interruption {
     pub fn watch(client: Client, before: WallBefore) -> std::io::Result<Self> {
         let asked = Self::default();
         let on_request = asked.clone();
-        watch_shutdown_signals(false, move || {
+        watch_shutdown_signals(None, move || {
             if !on_request.0.swap(true, Ordering::Relaxed) {
                 logging::say_warning("interrupted: the film ends after this frame");
                 return;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::Context;
 use polyptych_wall_file::LaunchOutput;
@@ -34,6 +35,10 @@ const SSH_OPTIONS: &[&str] = &[
     "-o",
     "ServerAliveCountMax=3",
 ];
+
+/// Time between two signs of life to a process on another machine, which ends when none has come
+/// for four times as long. ssh sees to its own side only: there it ends after 15 s.
+const SIGNS_PERIOD: Duration = Duration::from_secs(5);
 
 /// The command by which the other machine says that the login is done.
 const LOGGED_IN: &str = "echo logged in";
@@ -80,6 +85,7 @@ fn command<'p>(
             environment: environment.iter().map(variable).collect(),
             gate: None,
             reports_errors: true,
+            signs_of_life: None,
         });
     };
     let remote = remote_line(&plan.launch.program, &arguments, environment);
@@ -93,6 +99,7 @@ fn command<'p>(
         environment: Vec::new(),
         gate: Some(Arc::clone(gate)),
         reports_errors: true,
+        signs_of_life: Some(SIGNS_PERIOD),
     })
 }
 
