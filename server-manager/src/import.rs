@@ -209,6 +209,8 @@ async fn bake(
 ) -> Result<serde_json::Value, String> {
     let mut command = Command::new(&baker.program);
     command
+        // The program may be a link by which no list of processes should name it.
+        .arg0("polyptych")
         .arg("bake")
         .arg(file)
         .arg("-o")

@@ -19,6 +19,7 @@ const POLYPTYCH: &str = env!("CARGO_BIN_EXE_polyptych");
 #[derive(Debug)]
 pub struct TestDir {
     folder: TempDir,
+    program: PathBuf,
     cache: PathBuf,
     shaders: PathBuf,
 }
@@ -40,7 +41,12 @@ impl TestDir {
         let folder = tempfile::Builder::new().prefix("polyptych-test-").tempdir();
         let folder = folder.expect("a temporary folder");
         let [cache, shaders] = ["cache", "shaders"].map(|name| folder.path().join(name));
-        Self { folder, cache, shaders }
+        Self { folder, program: POLYPTYCH.into(), cache, shaders }
+    }
+
+    /// The same folder with a command of another name, which the test has made.
+    pub fn with_program(self, program: PathBuf) -> Self {
+        Self { program, ..self }
     }
 
     /// Returns the path of the folder.
@@ -69,7 +75,7 @@ impl TestDir {
 
     /// The command with these arguments.
     pub fn command<A: AsRef<OsStr>>(&self, arguments: impl IntoIterator<Item = A>) -> Command {
-        let mut command = Command::new(POLYPTYCH);
+        let mut command = Command::new(&self.program);
         command
             .args(arguments)
             .current_dir(self.folder())

@@ -10,8 +10,8 @@ use rustix::process::Signal;
 
 use super::{RATE, brisk};
 use crate::harness::local_wall::{ANY_PORT, LocalWall, await_states, shot};
-use crate::harness::place::TestDir;
-use crate::harness::scenes::{poses, town};
+use crate::harness::place::{TestDir, of_this_run};
+use crate::harness::scenes::{Gltf, poses, town};
 use crate::harness::simulation::Simulation;
 use crate::harness::{signals, wait};
 
@@ -46,6 +46,23 @@ fn a_client_is_told_of_a_baker_that_dies_and_the_wall_goes_on() {
     let status = client.status().expect("status");
     assert_eq!((status.scene, status.channels[0].late), (None, 0));
     client.open_scene("town.glb").expect("nothing half done is in the way");
+}
+
+/// A package that is upgraded puts its program in the place of the one that runs.
+#[test]
+fn a_manager_whose_program_was_replaced_bakes_with_the_one_that_runs() {
+    // Beside the program, of which another file system would need a copy.
+    let program = of_this_run().join("replaced");
+    let own = env!("CARGO_BIN_EXE_polyptych");
+    fs::hard_link(own, &program).or_else(|_| fs::copy(own, &program).map(drop)).expect("there");
+    let place = TestDir::unbaked().with_program(program.clone());
+    place.write("triangle.glb", Gltf::triangle().glb());
+    let scenes = place.folder().to_owned();
+    let local = LocalWall::manager(place, &brisk(1, 1), &[&scenes], ANY_PORT);
+    fs::remove_file(&program).expect("removed");
+    fs::write(&program, "no program of this release").expect("replaced");
+    let summary = local.client().open_scene("triangle.glb").expect("opened");
+    assert_eq!(summary.triangles, 1);
 }
 
 /// A command that bakes by itself is not told to start a manager.
