@@ -5,6 +5,7 @@
 //! brings to each frame only where the eyes are.
 
 pub(crate) mod eye_views;
+pub(crate) mod metered;
 mod overlay;
 
 use std::collections::BTreeMap;

@@ -2,7 +2,7 @@
 //! with a camera of their own or the wall's frusta. Each has a source of its own, and is drawn
 //! over the channel's picture by the pixels that show it.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use polyptych_protocol::quality_bounds::resolution_scale;
 use polyptych_renderer::{AtlasViewDesc, Correction, CorrectionMesh, EyeAtlas, Gpu};
 use polyptych_wall::calibration_maps::CalibrationMaps;
@@ -86,6 +86,24 @@ impl Overlay {
         self.area == view.area && self.is_own == (view.projection != ViewProjection::Wall)
     }
 
+    /// Returns whether it lies on the whole wall, so that nothing beneath it is seen.
+    pub fn is_whole(&self) -> bool {
+        self.area == Area::Wall
+    }
+
+    /// Returns the number of the channel's pixels that it lies on.
+    pub fn pixels(&self) -> f64 {
+        self.sheet.as_ref().map_or(0.0, |sheet| pixels(&sheet.mesh))
+    }
+
+    /// Returns the share of it that none of these overlays covers, from 0 to 1.
+    pub fn seen_share(&self, above: &[&Self]) -> f64 {
+        let Some(sheet) = &self.sheet else { return 0.0 };
+        let sheets = above.iter().filter_map(|over| over.sheet.as_ref());
+        let covered: f64 = sheets.map(|over| common_share(&sheet.part, &over.part)).sum();
+        (1.0 - covered).max(0.0)
+    }
+
     /// Returns its mesh; `None` if no pixel of the channel shows the view.
     pub fn mesh(&mut self) -> Option<&mut OverlayMesh> {
         self.sheet.as_mut()
@@ -140,4 +158,19 @@ impl OverlayMesh {
         let planes = vec![(sight, rect)];
         Ok(EyeViews::from_planes(plan.size.to_array(), eyes, plan.taps.to_array(), planes))
     }
+}
+
+/// Returns the number of a channel's pixels that a mesh lies on.
+pub(super) fn pixels(mesh: &WarpMesh) -> f64 {
+    let area = |triangle: &[u32; 3]| {
+        let [a, b, c] = triangle.map(|corner| mesh.vertices[corner as usize].pixel);
+        0.5 * (b - a).perp_dot(c - a).abs()
+    };
+    mesh.triangles.iter().map(area).sum()
+}
+
+/// Returns the share of a part of a canvas that another part covers, from 0 to 1.
+fn common_share(part: &CanvasRect, over: &CanvasRect) -> f64 {
+    let common = part.end.min(over.end) - part.begin.max(over.begin);
+    common.max(DVec2::ZERO).element_product() / (part.end - part.begin).element_product()
 }

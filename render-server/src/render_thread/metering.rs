@@ -10,6 +10,7 @@ use polyptych_renderer::{GpuScene, PipelineNeeds, ScenePipelines, ViewDesc};
 use polyptych_wall::{ChannelId, Wall};
 
 use super::{Correctors, ReadyState, RenderThread};
+use crate::correction::metered::MeteredPicture;
 use crate::frame_scheduler::FrameKey;
 use crate::frame_views;
 use crate::render_event;
@@ -83,7 +84,7 @@ impl RenderThread {
         self.states.front().filter(|it| is_its(it.state.epoch, it.state.replica.revision))
     }
 
-    fn meter_now(&mut self, frame: &Frame) {
+    pub(super) fn meter_now(&mut self, frame: &Frame) {
         let Some(drawable) = self.state_of(frame) else { return };
         let _span = tracing::error_span!("meter", frame = frame.frame.0).entered();
         let state = Arc::clone(&drawable.state);
@@ -101,7 +102,7 @@ impl RenderThread {
         }
     }
 
-    /// Numbers of pixels by luminance.
+    /// Numbers of pixels by luminance, of each picture by the part of it that is seen.
     fn counts(
         &mut self,
         (wall, id): (&Wall, ChannelId),
@@ -110,19 +111,23 @@ impl RenderThread {
         correctors: &Correctors,
     ) -> Result<Vec<u32>, String> {
         let channel = wall.channel(id).ok_or("the channel is not on the wall any more")?;
-        let views = match correctors.borrow_mut().get_mut(&channel.name) {
-            Some(corrector) => corrector.views(&self.gpu, wall, frame)?,
-            None => frame_views::views(wall, id, frame)?,
+        let pictures = if let Some(corrector) = correctors.borrow_mut().get_mut(&channel.name) {
+            corrector.metered_pictures(&self.gpu, wall, frame)?
+        } else {
+            let (size, views) = (channel.size.to_array(), frame_views::views(wall, id, frame)?);
+            vec![MeteredPicture { size, views, share: 1.0 }]
         };
-        let (size, views) = sampled(&views, channel.size.to_array());
-        let luminances = self.renderer.luminances(&self.gpu, scene, size, &views);
-        let mut counts = vec![0u32; LUMINANCE_COUNTS];
-        for luminance in luminances.map_err(|error| error.to_string())? {
-            if let Some(index) = luminance_index(luminance) {
-                counts[index] += 1;
+        let mut counts = vec![0.0f64; LUMINANCE_COUNTS];
+        for MeteredPicture { size, views, share } in pictures {
+            let (size, views) = sampled(&views, size);
+            let luminances = self.renderer.luminances(&self.gpu, scene, size, &views);
+            for luminance in luminances.map_err(|error| error.to_string())? {
+                if let Some(index) = luminance_index(luminance) {
+                    counts[index] += share;
+                }
             }
         }
-        Ok(counts)
+        Ok(counts.into_iter().map(|count| count.round() as u32).collect())
     }
 }
 
