@@ -78,20 +78,10 @@ pub(crate) struct FrameExtras {
 /// Group 0: the view's uniforms and lamps, each at an offset, the lists of lamps, and the table of
 /// [`albedo`](super::albedo) with its sampler.
 pub(crate) fn frame_layout(device: &wgpu::Device, extras: FrameExtras) -> wgpu::BindGroupLayout {
-    let (fragment, uniform) = (wgpu::ShaderStages::FRAGMENT, wgpu::BufferBindingType::Uniform);
-    let mut entries = frame_entries();
-    if extras.environment {
-        entries.extend(environment_entries());
-    }
-    if extras.behind {
-        let places = buffer(25, fragment, uniform, true, size_of::<BehindUniform>());
-        entries.extend([texture(24, true), places]);
-    }
-    if extras.occlusion {
-        entries.push(texture(26, false));
-    }
-    let (label, entries) = (Some("frame/layout"), &entries[..]);
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries })
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("frame/layout"),
+        entries: &frame_entries(extras),
+    })
 }
 
 /// Group 1 of the search for ambient occlusion, and of its smoothing: the depths of views, or what
@@ -123,23 +113,43 @@ pub(crate) fn view_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
     })
 }
 
-fn frame_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
+/// The entries of [`frame_layout`].
+pub(crate) fn frame_entries(extras: FrameExtras) -> Vec<wgpu::BindGroupLayoutEntry> {
     let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
     let fragment = wgpu::ShaderStages::FRAGMENT;
     let storage = wgpu::BufferBindingType::Storage { read_only: true };
     let uniform = wgpu::BufferBindingType::Uniform;
-    vec![
+    let mut entries = vec![
         buffer(0, both, uniform, true, size_of::<FrameUniform>()),
         buffer(1, fragment, storage, true, size_of::<LocalLightRecord>()),
         buffer(2, fragment, storage, false, size_of::<u32>()),
         texture(3, true),
         sampler(4),
-    ]
+    ];
+    if extras.environment {
+        entries.extend(environment_entries());
+    }
+    if extras.behind {
+        let places = buffer(25, fragment, uniform, true, size_of::<BehindUniform>());
+        entries.extend([texture(24, true), places]);
+    }
+    if extras.occlusion {
+        entries.push(texture(26, false));
+    }
+    entries
 }
 
 /// Group 1 of the passes over a scene with lights that cast shadows: the view's uniforms, the maps
 /// of suns, and the sampler that compares; where lamps cast some, their records and maps too.
 pub(crate) fn shadow_layout(device: &wgpu::Device, has_lamps: bool) -> wgpu::BindGroupLayout {
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("shadow/layout"),
+        entries: &shadow_entries(has_lamps),
+    })
+}
+
+/// The entries of [`shadow_layout`].
+pub(crate) fn shadow_entries(has_lamps: bool) -> Vec<wgpu::BindGroupLayoutEntry> {
     let fragment = wgpu::ShaderStages::FRAGMENT;
     let uniform = wgpu::BufferBindingType::Uniform;
     let entry =
@@ -150,17 +160,16 @@ pub(crate) fn shadow_layout(device: &wgpu::Device, has_lamps: bool) -> wgpu::Bin
         multisampled: false,
     };
     let storage = wgpu::BufferBindingType::Storage { read_only: true };
-    let entries = [
+    let mut entries = vec![
         buffer(0, fragment, uniform, false, size_of::<ShadowUniform>()),
         entry(1, maps),
         entry(2, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
-        buffer(3, fragment, storage, false, size_of::<LampShadowRecord>()),
-        entry(4, maps),
     ];
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("shadow/layout"),
-        entries: if has_lamps { &entries } else { &entries[..3] },
-    })
+    if has_lamps {
+        let records = buffer(3, fragment, storage, false, size_of::<LampShadowRecord>());
+        entries.extend([records, entry(4, maps)]);
+    }
+    entries
 }
 
 /// Group 1 of the passes that read a picture: the picture, and a sampler.
@@ -245,20 +254,33 @@ pub(crate) fn correction_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout 
 
 /// Group 2: factors, five textures, five samplers.
 pub(crate) fn material_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("material/layout"),
+        entries: &material_entries(),
+    })
+}
+
+/// The entries of [`material_layout`].
+pub(crate) fn material_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
     let fragment = wgpu::ShaderStages::FRAGMENT;
     let uniform = wgpu::BufferBindingType::Uniform;
     let mut entries = vec![buffer(0, fragment, uniform, false, size_of::<MaterialUniform>())];
     entries.extend((1..=5).map(|binding| texture(binding, true)));
     entries.extend((6..=10).map(sampler));
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("material/layout"),
-        entries: &entries,
-    })
+    entries
 }
 
 /// Group 3: factors of extensions, their textures, their samplers; the table of
 /// [`grain_albedo`](super::grain_albedo) where a material is anisotropic.
 pub(crate) fn extension_layout(device: &wgpu::Device, has_grain: bool) -> wgpu::BindGroupLayout {
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("extension/layout"),
+        entries: &extension_entries(has_grain),
+    })
+}
+
+/// The entries of [`extension_layout`].
+pub(crate) fn extension_entries(has_grain: bool) -> Vec<wgpu::BindGroupLayoutEntry> {
     const TEXTURES: u32 = EXTENSION_TEXTURES_MAX as u32;
     let fragment = wgpu::ShaderStages::FRAGMENT;
     let uniform = wgpu::BufferBindingType::Uniform;
@@ -268,8 +290,5 @@ pub(crate) fn extension_layout(device: &wgpu::Device, has_grain: bool) -> wgpu::
     if has_grain {
         entries.push(texture_of(1 + 2 * TEXTURES, true, wgpu::TextureViewDimension::D3));
     }
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("extension/layout"),
-        entries: &entries,
-    })
+    entries
 }

@@ -285,6 +285,12 @@ impl Gpu {
         array_layers(self.is_gl(), layers)
     }
 
+    /// Returns whether lamps have maps of their shadows; `false` with GL, whose depths do not tell
+    /// apart what is far from a lamp, and whose fragments read 16 textures, which others fill.
+    pub(crate) fn has_lamp_maps(&self) -> bool {
+        !self.is_gl()
+    }
+
     /// Returns whether a texture can be written as sRGB and as plain bytes; `false` with GL.
     pub(crate) fn views_other_formats(&self) -> bool {
         let flags = self.adapter.get_downlevel_capabilities().flags;
@@ -319,7 +325,8 @@ fn open_device(
         max_texture_dimension_2d: offered.max_texture_dimension_2d,
         max_buffer_size: offered.max_buffer_size,
         max_storage_buffer_binding_size: offered.max_storage_buffer_binding_size,
-        // Glass with a grain, lamps, surroundings and ambient occlusion together read 17.
+        // Glass with a grain, lamps, surroundings and ambient occlusion together read 17, and 16
+        // where lamps have no maps.
         max_sampled_textures_per_shader_stage: offered.max_sampled_textures_per_shader_stage,
         ..wgpu::Limits::downlevel_defaults()
     };

@@ -102,12 +102,12 @@ struct Built {
 
 /// The optional bindings of a pipeline, beside those that all have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-struct LayoutKey {
-    frame: FrameExtras,
-    has_shadows: bool,
-    has_lamp_shadows: bool,
-    has_extensions: bool,
-    has_grain: bool,
+pub(crate) struct LayoutKey {
+    pub frame: FrameExtras,
+    pub has_shadows: bool,
+    pub has_lamp_shadows: bool,
+    pub has_extensions: bool,
+    pub has_grain: bool,
 }
 
 impl PipelineVariant {
@@ -240,6 +240,8 @@ pub(crate) struct Pipelines {
     layouts: BTreeMap<LayoutKey, wgpu::PipelineLayout>,
     /// The filter of all scenes that have shadows.
     pub shadows: ShadowFilter,
+    /// Lamps have maps of their shadows: [`Gpu::has_lamp_maps`].
+    pub has_lamp_maps: bool,
     modules: BTreeMap<(Interface, bool), wgpu::ShaderModule>,
     ready: BTreeMap<(PipelineKey, Built), wgpu::RenderPipeline>,
 }
@@ -252,7 +254,8 @@ impl Pipelines {
             (of, pipeline_layout(gpu, of))
         });
         let (layouts, shadows) = (layouts.into(), ShadowFilter::default());
-        Self { samples, layouts, shadows, modules, ready }
+        let has_lamp_maps = gpu.has_lamp_maps();
+        Self { samples, layouts, shadows, has_lamp_maps, modules, ready }
     }
 
     /// Makes what is missing for a scene that is drawn in this way.
@@ -281,10 +284,19 @@ impl Pipelines {
         self.ready.extend(ready);
     }
 
-    /// The key of a scene with the filter in force, for the target of a variant.
+    /// The key of a scene with the filter in force and the maps that there are, for the target of a
+    /// variant.
     fn filtered(&self, key: &PipelineKey, variant: PipelineVariant) -> PipelineKey {
         let shadows = if key.has_shadows() { self.shadows } else { key.shadows };
-        PipelineKey { shadows, linear: key.linear || variant.is_light, ..*key }
+        let lamp_shadows = key.lamp_shadows && self.has_lamp_maps;
+        PipelineKey { shadows, lamp_shadows, linear: key.linear || variant.is_light, ..*key }
+    }
+
+    /// The bindings of the pipeline that a variant uses.
+    #[cfg(test)]
+    pub fn layout_key(&self, key: &PipelineKey, variant: PipelineVariant) -> LayoutKey {
+        let key = self.filtered(key, variant);
+        key.layout_key(key.built(variant))
     }
 
     /// Makes what is missing for another look (fog, ambient occlusion or glow), if the

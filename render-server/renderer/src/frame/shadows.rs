@@ -166,9 +166,8 @@ impl Shadows {
             let set = self.suns.find((gpu, scene), of, wanted, (index, view, sun_orders));
             (set, suns)
         });
-        // GL has no depth that tells what is far from a lamp apart.
-        let lamps = LampMaps::new(scene, view, &extent, self.filter).filter(|_| !gpu.is_gl());
-        let lamps = lamps.map(|lamps| {
+        let lamps = LampMaps::new(scene, view, &extent, self.filter);
+        let lamps = lamps.filter(|_| gpu.has_lamp_maps()).map(|lamps| {
             let wanted = (&lamps.maps[..], lamps.side);
             let set = self.lamps.find((gpu, scene), of, wanted, (index, view, lamp_orders));
             let records = &mut self.lamps.get_mut(set).records;
@@ -203,9 +202,10 @@ impl Shadows {
     }
 }
 
-/// Records of lamps without shadows; `None` if the scene has no lamp that casts any.
+/// Records of lamps without shadows; `None` if the scene has no lamp that casts any, or the GPU no
+/// maps for them.
 fn no_lamp_records(gpu: &Gpu, scene: &GpuScene) -> Option<wgpu::Buffer> {
-    let is_used = scene.layout.lights.has_lamp_shadows;
+    let is_used = scene.layout.lights.has_lamp_shadows && gpu.has_lamp_maps();
     is_used.then(|| record_buffer(gpu, &vec![LampShadowRecord::default(); scene.lamps().len()]))
 }
 

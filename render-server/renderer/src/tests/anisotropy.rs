@@ -3,9 +3,10 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use glam::{Affine2, DQuat, DVec3, Vec2};
+use glam::{Affine2, DAffine3, DQuat, DVec3, Vec2, Vec3};
 use polyptych_scene::{
-    Anisotropy, Clearcoat, Material, MaterialExtensions, TextureFormat, TextureRef,
+    Anisotropy, Clearcoat, Light, LightKind, Material, MaterialExtensions, TextureFormat,
+    TextureRef, Transmission,
 };
 
 use super::environment::{map, uniform};
@@ -14,8 +15,9 @@ use super::furnace::{
     MIDDLE, aslant, material, radiance, radiance_in, radiance_of, radiance_of_mesh,
 };
 use super::harness::{MeshFixture, SceneFixture, gpu};
-use crate::Environment;
 use crate::grain_albedo::tests::{facets as stretched_facets, integrated, spaced, stretched};
+use crate::pipeline::{LayoutKey, PipelineVariant, Pipelines};
+use crate::{Environment, ImageEncoding, SceneLayout, bindings};
 
 fn brushed(material: Material, strength: f64, rotation: f64) -> Material {
     let anisotropy = Anisotropy {
@@ -186,4 +188,46 @@ fn where_tangents_stand_along_the_normal_there_is_no_direction() {
     shape.vertices.iter_mut().for_each(|vertex| vertex[6..9].copy_from_slice(&[0.0, 0.0, 1.0]));
     let got = radiance_of_mesh(stage, (&shape, brushed), 0.7, (0.0, None), &lights);
     assert!((got / plain - 1.0).abs() < 0.003, "{got} instead of {plain}");
+}
+
+/// Returns the number of textures that the fragments of pipelines with these bindings read.
+fn texture_count(of: LayoutKey) -> usize {
+    let mut entries = bindings::frame_entries(of.frame);
+    entries.extend(bindings::material_entries());
+    if of.has_shadows {
+        entries.extend(bindings::shadow_entries(of.has_lamp_shadows));
+    }
+    if of.has_extensions {
+        entries.extend(bindings::extension_entries(of.has_grain));
+    }
+    entries.iter().filter(|entry| matches!(entry.ty, wgpu::BindingType::Texture { .. })).count()
+}
+
+/// A GL driver has 16 textures for a fragment, and no more.
+#[test]
+fn glass_with_a_grain_reads_sixteen_textures_where_lamps_have_no_maps() {
+    let mut stage = SceneFixture::new();
+    let mut glass = brushed(material(0.9, 0.0, 0.4), 0.9, 0.5);
+    glass.extensions.as_mut().expect("some").transmission =
+        Some(Transmission { factor: 1.0, texture: None });
+    let glass = stage.material(glass);
+    let mesh = stage.mesh(&MeshFixture::rectangle(1.0, 1.0), Some(glass));
+    stage.node(mesh, DAffine3::IDENTITY);
+    let (kind, color) = (LightKind::Point, Vec3::ONE);
+    let lamp = Light { kind, color, intensity: 60.0, range: None };
+    stage.light(lamp, DAffine3::from_translation(DVec3::Z));
+    let layout = SceneLayout::new(stage.desc, &|| false).expect("sound");
+    let all = PipelineVariant {
+        content: ImageEncoding::Srgb,
+        environment: true,
+        fog: true,
+        ambient_occlusion: true,
+        is_light: false,
+    };
+    let mut pipelines = Pipelines::new(gpu(), 1);
+    for (has_lamp_maps, wanted) in [(false, 16), (true, 17)] {
+        pipelines.has_lamp_maps = has_lamp_maps;
+        let counts = layout.keys.iter().map(|key| texture_count(pipelines.layout_key(key, all)));
+        assert_eq!(counts.max(), Some(wanted), "maps of lamps: {has_lamp_maps}");
+    }
 }
