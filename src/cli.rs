@@ -283,7 +283,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     let done = match cli.command {
         Command::Demo(arguments) => return demo::run(&arguments),
         Command::Simulate(arguments) => return simulate::run(&arguments),
-        Command::Manager(arguments) => manager::run(arguments),
+        Command::Manager(arguments) => manager::run(&arguments),
         Command::Server(arguments) => server::run(arguments),
         Command::Up(arguments) => up::run(&arguments),
         Command::Unit(arguments) => unit::run(&arguments),

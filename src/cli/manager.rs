@@ -112,7 +112,7 @@ pub(super) struct Arguments {
 /// The line of standard output by which a manager tells its parent that a client has stopped it.
 pub(super) const WALL_STOPPED: &str = "wall stopped";
 
-pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut wall = load_wall(&arguments.wall)?;
     let listen = arguments.listen.clone().unwrap_or_else(|| wall.listen.clone());
     let is_running = Arc::new(AtomicBool::new(false));
@@ -121,7 +121,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         let keys = load_keys(|| Credentials::load(folder), || thread::sleep(CLOCK_PERIOD))?;
         keys.expect_identity(&NodeIdentity::Manager)?;
     }
-    let listeners = Listeners::inherit_or_bind(&arguments, &listen)?;
+    let listeners = Listeners::inherit_or_bind(arguments, &listen)?;
     let address = listeners.main.local_addr()?;
     let mut listeners = Some(listeners);
     let token = match &arguments.token_file {
@@ -136,7 +136,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     let remedy = if arguments.with_parent { MEMORY_REMEDY_OF_UP } else { MEMORY_REMEDY };
     let baker = arguments.bake.baker_in(store, remedy)?;
     log_file_warnings(&bake_files(&mut wall, &arguments.wall, &baker)?);
-    let memory = state_file(&arguments, &token, &wall.name, address.port())?;
+    let memory = state_file(arguments, &token, &wall.name, address.port())?;
     let lock = if arguments.standby { StateLock::share } else { StateLock::take };
     let _lock = memory.as_deref().map(lock).transpose()?;
     let notifier = ServiceNotifier::from_environment(arguments.alive.as_deref())?;
@@ -171,7 +171,7 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         options.leadership = leadership;
     }
     let leadership = options.leadership.clone();
-    let opened = open(&arguments, &listen, listeners, &token, &mut options);
+    let opened = open(arguments, &listen, listeners, &token, &mut options);
     let listener = standby::or_release(leadership.as_ref(), opened)?;
     let goodbye = runtime.block_on(run_manager(listener, options, is_asked_to_end));
     // A folder or a resolver of names that does not answer is not waited for.
