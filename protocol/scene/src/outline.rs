@@ -306,10 +306,13 @@ impl SceneOutline {
         orphans
     }
 
-    /// A node and those that it hangs from, from below; `None` if one of them is not there.
+    /// A node and all that it hangs from, from below; `None` if one of them is not there. It may
+    /// be more than an edit looks at: files may be deeper.
     pub fn way_up(&self, edits: &SceneEdits, node: NodeId) -> Option<Vec<NodeId>> {
+        // Ends a circle, too, though there is none: each node that was edited takes some bytes.
+        let nodes_max = self.nodes().saturating_add(edits.bytes()).max(1) as usize;
         let up = std::iter::successors(Some(node), |node| self.parent_of(edits, *node));
-        let way: Vec<NodeId> = up.take(DEPTH_MAX + 1).collect();
+        let way: Vec<NodeId> = up.take(nodes_max).collect();
         way.iter().all(|node| self.has(edits, *node)).then_some(way)
     }
 

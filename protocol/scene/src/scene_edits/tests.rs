@@ -312,6 +312,14 @@ fn a_chain_of_many_nodes_is_taken_away_at_once_and_too_deep_a_one_is_told() {
 }
 
 #[test]
+fn the_way_up_ends_at_the_root_of_a_file_that_is_deeper_than_edits_look() {
+    let node = |index: u32| Node { parent: index.checked_sub(1), ..Node::default() };
+    let chain = Scene { nodes: (0..300).map(node).collect(), ..Scene::default() };
+    let way = SceneOutline::from(&chain).way_up(&SceneEdits::default(), NodeId(299));
+    assert!(way.expect("all are there").into_iter().eq((0..300).rev().map(NodeId)));
+}
+
+#[test]
 fn added_assets_stand_at_their_numbers_whatever_was_there_before() {
     let texture = |name: &[u8]| Texture {
         blob: BlobHash::of(name),
