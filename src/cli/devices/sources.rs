@@ -130,9 +130,8 @@ async fn read_vrpn(
     device: usize,
     to_bridge: mpsc::Sender<Reading>,
 ) {
-    let mut hint = Some(hint);
     loop {
-        let ended = read_vrpn_once(&server, fresh.clone(), &mut hint, device, &to_bridge).await;
+        let ended = read_vrpn_once(&server, fresh.clone(), &hint, device, &to_bridge).await;
         let failure = match ended {
             Ok(()) => return,
             Err(reason) => format!("the VRPN server {server}: {reason}"),
@@ -145,15 +144,15 @@ async fn read_vrpn(
     }
 }
 
-/// Reads until the bridge has ended. The hint is given with the first bytes of the server: a
-/// tracker that it does not have sends nothing, and the server does not say so.
+/// Reads until the bridge has ended. The hint is given with the first bytes of each connection: a
+/// tracker that the server does not have sends nothing, and the server does not say so.
 ///
 /// # Errors
 /// The reason for which the connection ended.
 async fn read_vrpn_once(
     server: &str,
     mut vrpn: VrpnStream,
-    hint: &mut Option<String>,
+    hint: &str,
     device: usize,
     to_bridge: &mpsc::Sender<Reading>,
 ) -> Result<(), String> {
@@ -165,6 +164,7 @@ async fn read_vrpn_once(
     stream::tune(&socket).map_err(|error| error.to_string())?;
     socket.write_all(COOKIE).await.map_err(|error| error.to_string())?;
     let mut buffer = vec![0; READ_BYTES];
+    let mut is_first = true;
     loop {
         let reading = socket.read(&mut buffer);
         let read = if vrpn.has_cookie() {
@@ -177,8 +177,8 @@ async fn read_vrpn_once(
             return Err("it has closed the connection".to_owned());
         }
         let readings = vrpn.read(&buffer[..length]).map_err(|error| error.to_string())?;
-        if let Some(hint) = hint.take() {
-            let what = ReadingKind::Silent(hint);
+        if std::mem::take(&mut is_first) {
+            let what = ReadingKind::Silent(hint.to_owned());
             if to_bridge.send(Reading { device, what }).await.is_err() {
                 return Ok(());
             }
@@ -225,5 +225,34 @@ fn read_events<const BYTES: usize, Source: Read>(
             return;
         }
         std::thread::sleep(REOPEN_PAUSE);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tokio::net::TcpListener;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn each_connection_with_a_vrpn_server_says_that_no_pose_has_come_yet() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let server = listener.local_addr().expect("an address").to_string();
+        let (to_bridge, mut readings) = mpsc::channel(READINGS_MAX);
+        for _ in 0..2 {
+            let serving = async {
+                let (mut stream, _) = listener.accept().await.expect("a client");
+                let mut hello = [0; COOKIE.len()];
+                stream.read_exact(&mut hello).await.expect("a cookie");
+                stream.write_all(COOKIE).await.expect("sent");
+            };
+            let vrpn = VrpnStream::new("Tracker0", 3);
+            let reading = read_vrpn_once(&server, vrpn, "no pose yet", 0, &to_bridge);
+            let (ended, ()) = tokio::join!(reading, serving);
+            assert!(ended.is_err_and(|why| why.contains("closed")));
+            let Reading { device, what } = readings.try_recv().expect("a reading");
+            assert_eq!(device, 0);
+            assert!(matches!(what, ReadingKind::Silent(hint) if hint == "no pose yet"));
+        }
     }
 }
