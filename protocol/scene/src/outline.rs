@@ -11,7 +11,7 @@ use crate::limits::{
 };
 use crate::node_edits::NodeEdits;
 use crate::scene_edits::SceneEdits;
-use crate::{Material, Scene, endless_lights, find_variant};
+use crate::{AlphaMode, Material, Scene, endless_lights, find_variant};
 
 mod assets;
 mod values;
@@ -442,6 +442,12 @@ impl SceneOutline {
         }
         if !material.normal_scale.is_finite() {
             return Err("normal_scale is a finite number".to_owned());
+        }
+        if matches!(material.alpha_mode, AlphaMode::Mask(cutoff) if !cutoff.is_finite()) {
+            return Err("a mask's cutoff is a finite number".to_owned());
+        }
+        if material.textures().any(|of| !of.uv_transform.is_finite()) {
+            return Err("a uv_transform is of finite numbers".to_owned());
         }
         if let Some(fault) = material.extensions.as_ref().and_then(|of| of.fault()) {
             return Err(fault);

@@ -112,9 +112,11 @@ pub(super) fn instances<W: Write>(
 
 /// A light of `KHR_lights_punctual`.
 pub(super) fn light_json(of: &Light) -> String {
-    // Colours end at 1 there; by a power of two, so that the product is what it was.
-    let excess = of.color.max_element().max(1.0).log2().ceil().exp2();
-    let (color, intensity) = ((of.color / excess).to_array(), of.intensity * excess);
+    // Colours end at 1 there; by a power of two, so that the product is what it was. JSON has no
+    // infinity: the brightest lights are as bright as numbers go.
+    let excess = of.color.max_element().max(1.0).log2().ceil().exp2().min(f32::MAX);
+    let color = (of.color / excess).to_array();
+    let intensity = (of.intensity * excess).min(f32::MAX);
     let mut more = String::new();
     if let Some(range) = of.range {
         let _ = write!(more, r#","range":{range:?}"#);

@@ -3,7 +3,8 @@
 use glam::{Quat, Vec3};
 use polyptych_protocol::state_log::SceneRef;
 use polyptych_scene::{
-    AnimatedProperty, Clip, Edit, Instance, Mesh, NewNode, Node, PropertyKind, Topology,
+    AnimatedProperty, Clip, Edit, Instance, Light, LightKind, Mesh, NewNode, Node, PropertyKind,
+    Topology,
 };
 use serde_json::{Value, json};
 
@@ -182,6 +183,18 @@ fn what_was_edited_is_in_the_file_and_what_nothing_shows_is_not() {
     assert_eq!(json["extensionsUsed"], json!(["KHR_node_visibility"]));
     let (about, _) = stored.write().expect("exported");
     assert_eq!((about.name.as_str(), about.nodes, about.meshes), ("evening", 2, 1));
+}
+
+#[test]
+fn a_light_brighter_than_numbers_go_leaves_the_file_readable() {
+    let (kind, color) = (LightKind::Directional, Vec3::new(2.0, 0.0, 0.0));
+    let light = Light { kind, color, intensity: 2e38, range: None };
+    let node = Node { light: Some(0), ..Node::default() };
+    let lit = Scene { lights: vec![light], ..scene(Vec::new(), vec![node]) };
+    let json = Stored::new(|_| lit, []).json();
+    let light = &json["extensions"]["KHR_lights_punctual"]["lights"][0];
+    assert_eq!(light["color"], json!([1.0, 0.0, 0.0]));
+    assert_eq!(light["intensity"].as_f64().map(|of| of as f32), Some(f32::MAX));
 }
 
 #[test]

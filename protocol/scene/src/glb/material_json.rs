@@ -37,8 +37,9 @@ pub fn material_json<W: Write>(of: &Material, file: &mut GlbWriter<W>) -> String
         json,
         r#""pbrMetallicRoughness":{{{factors}{base_color}{metallic_roughness}}}{normal}{occlusion}"#
     );
-    // A power of two, so that factor times strength is what it was, to the last bit.
-    let strength = of.emissive.max_element().max(1.0).log2().ceil().exp2();
+    // A power of two, so that factor times strength is what it was, to the last bit; but for the
+    // largest, whose power of two would be infinite.
+    let strength = of.emissive.max_element().max(1.0).log2().ceil().exp2().min(f32::MAX);
     let Vec3 { x, y, z } = of.emissive / strength;
     let _ = write!(
         json,
@@ -97,10 +98,14 @@ fn parts(of: &Affine2) -> (Vec2, f32, Vec2) {
     if x.y == 0.0 && y.x == 0.0 {
         return (Vec2::new(x.x, y.y), 0.0, of.translation);
     }
+    // In f64, where no product overflows.
+    let (x, y) = (x.as_dvec2(), y.as_dvec2());
     let length = x.length();
-    let height = if length > 0.0 { of.matrix2.determinant() / length } else { y.length() };
+    let height = if length > 0.0 { x.perp_dot(y) / length } else { y.length() };
     let rotation = if length > 0.0 { (-x.y).atan2(x.x) } else { y.x.atan2(y.y) };
-    (Vec2::new(length, height), rotation, of.translation)
+    let [length, height] =
+        [length, height].map(|of| of.clamp(f32::MIN.into(), f32::MAX.into()) as f32);
+    (Vec2::new(length, height), rotation as f32, of.translation)
 }
 
 /// Returns whether glTF has a texture transform such as this one, which does not shear.
@@ -147,5 +152,19 @@ mod tests {
         let json = material_json(&Material { emissive, ..Material::default() }, &mut file);
         assert!(json.contains("\"emissiveStrength\":1024.0"), "{json}");
         assert!((emissive / 1024.0) * 1024.0 == emissive);
+    }
+
+    #[test]
+    fn the_largest_numbers_stay_finite() {
+        let mut file = GlbWriter::new(Vec::new());
+        let matrix = Mat2::from_cols(Vec2::new(3e38, 3e38), Vec2::new(-3e38, 3e38));
+        let uv_transform = Affine2::from_mat2(matrix);
+        let used = TextureRef { texture: 0, uv_set: 0, uv_transform };
+        let emissive = Vec3::new(3e38, 0.0, 0.0);
+        let of = Material { base_color_texture: Some(used), emissive, ..Material::default() };
+        let json = material_json(&of, &mut file);
+        assert!(json.contains("\"emissiveStrength\":3.4028235e38"), "{json}");
+        assert!(json.contains("\"scale\":[3.4028235e38, 3.4028235e38]"), "{json}");
+        assert!(!json.contains("inf") && !json.contains("NaN"), "{json}");
     }
 }

@@ -4,14 +4,14 @@ mod added_assets;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use glam::{Affine2, DVec3, Vec3};
+use glam::{Affine2, DVec3, Vec2, Vec3};
 use proptest::prelude::*;
 
 use super::*;
 use crate::NewNode;
 use crate::{
-    IndexFormat, LightKind, Mesh, Primitive, Sampler, SceneOutline, Texture, TextureFormat,
-    TextureRef, Topology, VertexLayout,
+    AlphaMode, IndexFormat, LightKind, Mesh, Primitive, Sampler, SceneOutline, Texture,
+    TextureFormat, TextureRef, Topology, VertexLayout,
 };
 
 /// Two roots, the first with two children, of which the first has one.
@@ -319,16 +319,37 @@ fn the_way_up_ends_at_the_root_of_a_file_that_is_deeper_than_edits_look() {
     assert!(way.expect("all are there").into_iter().eq((0..300).rev().map(NodeId)));
 }
 
-#[test]
-fn added_assets_stand_at_their_numbers_whatever_was_there_before() {
-    let texture = |name: &[u8]| Texture {
+/// A texture of one texel.
+fn texture(name: &[u8]) -> Texture {
+    Texture {
         blob: BlobHash::of(name),
         format: TextureFormat::Rgba8Srgb,
         width: 1,
         height: 1,
         mip_count: 1,
         sampler: Sampler::default(),
+    }
+}
+
+#[test]
+fn a_material_with_numbers_that_are_not_finite_is_refused() {
+    let outline = SceneOutline::from(&Scene { textures: vec![texture(b"a")], ..base() });
+    let check = |x: f32, cutoff: f32| {
+        let uv_transform = Affine2::from_translation(Vec2::new(x, 0.0));
+        let used = TextureRef { texture: 0, uv_set: 0, uv_transform };
+        let alpha_mode = AlphaMode::Mask(cutoff);
+        let to = Material { base_color_texture: Some(used), alpha_mode, ..Material::default() };
+        outline.check(&SceneEdits::default(), &Edit::SetMaterial { material: 1, to: to.into() })
     };
+    assert_eq!(check(2.0, 0.5), Ok(()));
+    for (x, cutoff, what) in [(f32::INFINITY, 0.5, "uv_transform"), (2.0, f32::NAN, "cutoff")] {
+        let error = check(x, cutoff).expect_err("refused").to_string();
+        assert!(error.contains(what), "{error}");
+    }
+}
+
+#[test]
+fn added_assets_stand_at_their_numbers_whatever_was_there_before() {
     let textured = || TextureRef { texture: 0, uv_set: 0, uv_transform: Affine2::IDENTITY };
     let set = |name: &str, meshes: usize| {
         let material = Material { base_color_texture: Some(textured()), ..Material::default() };
