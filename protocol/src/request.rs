@@ -34,7 +34,7 @@ pub use crate::pacing::Pacing;
 use crate::pattern::TestPattern;
 use crate::progress::OpenProgress;
 use crate::quality_bounds::QualityBounds;
-pub use crate::request_error::RequestError;
+pub use crate::request_error::{CAPTURE_ROOM_TAKEN, RequestError};
 use crate::saved_scene::SavedScene;
 use crate::saved_session::{OpenedSession, SavedSession};
 use crate::scene_file_list::SceneFileList;

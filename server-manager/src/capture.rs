@@ -13,7 +13,7 @@ use glam::UVec2;
 use polyptych_core::ClientRequest;
 use polyptych_protocol::bulk::CaptureChunk;
 use polyptych_protocol::ids::FrameId;
-use polyptych_protocol::request::ImageInfo;
+use polyptych_protocol::request::{CAPTURE_ROOM_TAKEN, ImageInfo};
 use polyptych_wall::color::SrgbCodes;
 use polyptych_wall::light_composite::{DisplayImage, LightComposite, StereoEye, needs_composite};
 use polyptych_wall::wall_geometry::ResolvedWall;
@@ -75,8 +75,8 @@ impl CaptureBudget {
         let room = BudgetGuard { bytes, of: self.clone() };
         if taken + bytes > CAPTURE_BYTES_MAX {
             return Err(format!(
-                "captures on their way take {} MiB of {most} MiB, and this one takes {takes} MiB; \
-                 ask again once their pictures were read",
+                "{CAPTURE_ROOM_TAKEN} {} MiB of {most} MiB, and this one takes {takes} MiB; ask \
+                 again once their pictures were read",
                 taken >> 20
             ));
         }

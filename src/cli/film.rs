@@ -18,6 +18,7 @@ use film_output::FilmOutput;
 use interruption::Interruption;
 use polyptych_client::blocking::Client;
 use polyptych_client::{Capture, ClientError, ReconnectPolicy, Revision};
+use polyptych_protocol::request::CAPTURE_ROOM_TAKEN;
 use polyptych_text::{counted, printable};
 use serde::Serialize;
 use wall_before::WallBefore;
@@ -42,6 +43,10 @@ const RETURN_TIME_MAX: Duration = Duration::from_mins(1);
 /// Maximum time that a frame waits for detail that servers load where a budget holds a part of it.
 /// Behind one that waited in vain, no other waits before servers hold another part.
 const DETAIL_TIME_MAX: Duration = Duration::from_secs(15);
+
+/// Pause before a capture that found no room beside captures of others is asked for again: each
+/// try draws the frame.
+const ROOM_PAUSE: Duration = Duration::from_secs(1);
 
 /// Maximum number of frames that the report names in words.
 const NAMED_MAX: usize = 32;
@@ -122,6 +127,9 @@ trait FilmSource {
 
     fn capture(&mut self, time_s: f64) -> Result<Capture, ClientError>;
 
+    /// Waits for [`ROOM_PAUSE`].
+    fn pause(&mut self);
+
     /// Waits until manager and channels of the wall are back, and no longer than this.
     fn await_channels(&mut self, limit: Duration) -> anyhow::Result<()>;
 
@@ -155,6 +163,10 @@ impl FilmSource for WallSource<'_> {
 
     fn capture(&mut self, time_s: f64) -> Result<Capture, ClientError> {
         self.client.capture_at(Some(time_s))
+    }
+
+    fn pause(&mut self) {
+        std::thread::sleep(ROOM_PAUSE);
     }
 
     fn await_channels(&mut self, limit: Duration) -> anyhow::Result<()> {
@@ -280,6 +292,24 @@ fn await_detail(
     Ok(true)
 }
 
+/// Captures a frame as soon as there is room for its pictures beside captures of others, and waits
+/// for that no longer than [`RETURN_TIME_MAX`].
+fn capture_with_room(source: &mut impl FilmSource, time_s: f64) -> Result<Capture, ClientError> {
+    let began = source.elapsed();
+    loop {
+        let captured = source.capture(time_s);
+        let is_refused = matches!(
+            &captured,
+            Err(ClientError::Failed { reason, .. }) if reason.starts_with(CAPTURE_ROOM_TAKEN)
+        );
+        let is_over = source.elapsed().saturating_sub(began) >= RETURN_TIME_MAX;
+        if !is_refused || is_over || source.is_interrupted() {
+            return captured;
+        }
+        source.pause();
+    }
+}
+
 /// Captures a frame until all channels are in it.
 ///
 /// # Errors
@@ -294,7 +324,7 @@ fn whole_frame(
     let mut began = None;
     for tries in 1..=TRIES_MAX {
         let detailed = await_detail(source, time_s, flaws);
-        match detailed.and_then(|it| Ok((it, source.capture(time_s)?))) {
+        match detailed.and_then(|it| Ok((it, capture_with_room(source, time_s)?))) {
             Ok((has_detail, capture)) if capture.missing.is_empty() => {
                 flaws.without_detail += u32::from(!has_detail);
                 if tries > 1 {

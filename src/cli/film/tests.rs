@@ -18,7 +18,11 @@ struct Script {
     lost: Vec<u32>,
     /// Captures that the manager does not answer.
     unanswered: Vec<u32>,
+    /// Captures for which others leave no room.
+    crowded: Vec<u32>,
     waits: u32,
+    /// Each takes a second.
+    pauses: u32,
     /// The capture during which the film is interrupted; 0 if it is not.
     interrupted: u32,
 }
@@ -30,7 +34,7 @@ impl FilmSource for Script {
     }
 
     fn elapsed(&self) -> Duration {
-        Duration::from_secs(u64::from(self.draws))
+        Duration::from_secs(u64::from(self.draws + self.pauses))
     }
 
     fn capture(&mut self, _: f64) -> Result<Capture, ClientError> {
@@ -44,6 +48,10 @@ impl FilmSource for Script {
             let (request, after) = ("capture the wall", Duration::from_mins(1));
             return Err(ClientError::TimedOut { request, after });
         }
+        if self.crowded.contains(&self.captures) {
+            let reason = format!("{CAPTURE_ROOM_TAKEN} 570 MiB of 1024 MiB");
+            return Err(ClientError::Failed { request: "capture the wall", reason });
+        }
         let is_missing = self.missing.contains(&self.captures);
         let missing = is_missing.then(|| ("left".to_owned(), "it is lost".to_owned()));
         Ok(Capture {
@@ -52,6 +60,10 @@ impl FilmSource for Script {
             channels: Vec::new(),
             missing: missing.into_iter().collect(),
         })
+    }
+
+    fn pause(&mut self) {
+        self.pauses += 1;
     }
 
     fn await_channels(&mut self, _: Duration) -> anyhow::Result<()> {
@@ -91,6 +103,19 @@ fn a_frame_whose_manager_hung_is_captured_again() {
     assert_eq!((script.captures, script.waits), (2, 1));
     let lost = flaws.redrawn[0].lost.as_deref().expect("a reason");
     assert!(lost.contains("did not answer"), "{lost}");
+}
+
+#[test]
+fn a_frame_waits_for_room_beside_captures_of_others_but_not_for_ever() {
+    let mut script = Script { crowded: vec![1, 2], ..Script::default() };
+    let mut flaws = FilmFlaws::default();
+    whole_frame(&mut script, 0, 0.0, &mut flaws).expect("whole");
+    assert_eq!((script.captures, script.pauses, script.waits), (3, 2, 0));
+    assert!(flaws.redrawn.is_empty(), "nothing of it was missing");
+    let mut script = Script { crowded: (1..100).collect(), ..Script::default() };
+    let error = whole_frame(&mut script, 7, 0.0, &mut flaws).expect_err("no room");
+    assert!(format!("{error:#}").contains("captures on their way"), "{error:#}");
+    assert_eq!(u64::from(script.pauses), RETURN_TIME_MAX.as_secs());
 }
 
 #[test]
