@@ -136,6 +136,16 @@ impl Cluster {
         }
     }
 
+    /// Returns whether the next frame is for pictures or of a stated time, and the place of the
+    /// node that it follows is yet to be told: after a restart, and where the node was hung from
+    /// another. The place is told soon, or the following ends.
+    pub(super) fn awaits_place(&self) -> bool {
+        let order = self.orders.front().filter(|order| !order.is_preview);
+        let is_exact = order.is_some_and(|of| of.time_s.is_some() || of.capture.is_some());
+        let is_followed = self.following.as_ref().is_some_and(|of| of.waiter.is_none());
+        is_exact && is_followed && self.shown.scene.is_some() && !self.unplaced_nodes().is_empty()
+    }
+
     /// The file of this scene has its nodes here, each in its parent's space; or it cannot be read.
     pub(super) fn handle_places(
         &mut self,

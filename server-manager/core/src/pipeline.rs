@@ -96,8 +96,11 @@ impl Cluster {
     /// has the wall for itself, before and behind: reading pictures back holds up the render
     /// threads, and a frame that waits so long would make the next one late. So has a frame that
     /// warms channels up, and one of a wall that is late as a whole: what they are to find out is
-    /// how long one frame takes.
+    /// how long one frame takes. One whose camera is not known yet waits until it is.
     pub(super) fn may_begin(&self) -> bool {
+        if self.awaits_place() {
+            return false;
+        }
         let Some(newest) = self.pipeline.newest() else { return true };
         let is_capture = self.orders.front().is_some_and(|order| order.capture.is_some());
         let room = self.wall.sync.pipeline_depth as usize >= self.pipeline.0.len();

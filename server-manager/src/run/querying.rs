@@ -12,6 +12,7 @@ use polyptych_protocol::request::{MessageToClient, RequestError, Response};
 use polyptych_protocol::walk_query::WalkQuery;
 use polyptych_scene::{FilePlace, NodeId};
 use tokio::sync::{Semaphore, mpsc};
+use tokio::time::timeout;
 
 use super::EventLoop;
 use crate::mesh_walk::MeshWalk;
@@ -32,6 +33,9 @@ const WORKERS_MAX: usize = 1;
 /// Maximum time of a question that looks at many triangles: other questions wait for it. In it, 20
 /// million triangles are compared with a sphere, or 800,000 with a prism of 256 corners.
 const QUERY_TIME_MAX: Duration = Duration::from_secs(5);
+
+/// Maximum time until the places of followed nodes are read: captures wait for them.
+const PLACES_TIME_MAX: Duration = Duration::from_secs(30);
 
 /// A question about the scene.
 pub(super) enum Query {
@@ -168,8 +172,15 @@ impl EventLoop {
                 };
                 nodes.into_iter().map(place).collect()
             };
-            let places = tokio::task::spawn_blocking(work).await;
-            let places = places.unwrap_or_else(|error| Err(error.to_string()));
+            let places = timeout(PLACES_TIME_MAX, tokio::task::spawn_blocking(work)).await;
+            let places = match places {
+                Ok(Ok(places)) => places,
+                Ok(Err(error)) => Err(error.to_string()),
+                Err(_) => {
+                    let limit_s = PLACES_TIME_MAX.as_secs();
+                    Err(format!("the scene's file was not read within {limit_s} s"))
+                }
+            };
             // The manager may have ended meanwhile.
             let _ = done.send(Found::Places((manifest, places))).await;
         });

@@ -190,6 +190,30 @@ fn it_turns_with_the_node_or_not_and_goes_around_it_in_scene_time() {
 }
 
 #[test]
+fn after_a_restart_a_capture_waits_until_the_place_of_the_node_is_told() {
+    let mut stage = ClusterFixture::with_house(1);
+    stage.follow(follow(DOOR)).expect("followed");
+    let memory = stage.cluster.persistent_state();
+    let mut next = ClusterFixture::empty(1);
+    next.cluster = Cluster::restore(wall(1), Epoch(7), &memory);
+    next.cluster.set_outline(Some(outline()));
+    next.cluster.handle_client(CLIENT, "test".into());
+    next.join(SessionId(0), 0).expect("joined");
+    next.prepare_all();
+    next.wait(10_000);
+    next.draw(&[0], 1_000);
+    next.cluster.presentation.camera = Camera::IDENTITY;
+    next.now = 1_000_000;
+    next.frames.clear();
+    next.request(Request::Capture { time_s: Some(1.5) });
+    next.wait(10_000);
+    assert!(next.frames.is_empty(), "the camera is not known yet");
+    assert_eq!(next.place_nodes(), [DOOR, HOUSE]);
+    next.wait(0);
+    near(next.frames[0].1.presentation.camera, DVec3::new(21.0, 0.0, 2.0));
+}
+
+#[test]
 fn one_without_a_place_of_its_own_keeps_the_present_one() {
     let mut stage = ClusterFixture::with_house(1);
     let camera = Camera { position: DVec3::new(1.0, 2.0, 3.0), scale: 0.5, ..Camera::IDENTITY };
