@@ -201,6 +201,14 @@ fn encode(
     }
 }
 
+/// Sides of a texture that holds either of two, if it is at most twice as large as the larger one:
+/// channels that stand and channels that lie have room in the same. Else the first one's.
+fn joint(wanted: [u32; 2], has: [u32; 2]) -> [u32; 2] {
+    let area = |[width, height]: [u32; 2]| u64::from(width) * u64::from(height);
+    let both = [wanted[0].max(has[0]), wanted[1].max(has[1])];
+    if area(both) <= 2 * area(wanted).max(area(has)) { both } else { wanted }
+}
+
 impl OcclusionTextures {
     /// Textures that hold depths and maps of these sides: the ones that are held, if they do.
     pub fn new(gpu: &Gpu, held: Option<Self>, wanted: [[u32; 2]; 2]) -> Self {
@@ -212,9 +220,8 @@ impl OcclusionTextures {
             if has.iter().zip(wanted).all(|(has, wanted)| has >= wanted) {
                 return held;
             }
-            // Channels that stand and channels that lie have room in the same ones.
-            for (side, has) in sizes.as_flattened_mut().iter_mut().zip(has) {
-                *side = (*side).max(*has);
+            for (wanted, has) in sizes.iter_mut().zip(held.sizes) {
+                *wanted = joint(*wanted, has);
             }
         }
         let make = |label, format, [width, height]: [u32; 2]| {
@@ -253,5 +260,17 @@ impl OcclusionTextures {
             }),
             ..Default::default()
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_that_stand_and_lie_share_textures_unless_these_are_far_larger() {
+        assert_eq!(joint([1024, 2048], [2048, 1024]), [2048, 2048]);
+        assert_eq!(joint([1024, 1024], [2048, 512]), [2048, 1024]);
+        assert_eq!(joint([256, 8192], [8192, 256]), [256, 8192]);
     }
 }
