@@ -127,8 +127,20 @@ impl RenderThread {
                 }
             }
         }
-        Ok(counts.into_iter().map(|count| count.round() as u32).collect())
+        Ok(whole_counts(counts))
     }
+}
+
+/// Rounds counts so that the sum of all up to any of them is off by half at most: by themselves,
+/// many that are less than half would be none.
+fn whole_counts(counts: Vec<f64>) -> Vec<u32> {
+    let (mut sum, mut told) = (0.0f64, 0u32);
+    let whole = |count: f64| {
+        sum += count;
+        let so_far = sum.round() as u32;
+        so_far - std::mem::replace(&mut told, so_far)
+    };
+    counts.into_iter().map(whole).collect()
 }
 
 /// The views of a picture with fewer pixels, and its size. Levels of detail and shadows stay those
@@ -152,4 +164,17 @@ fn sampled(views: &[ViewDesc], whole: [u32; 2]) -> ([u32; 2], Vec<ViewDesc>) {
         Some(ViewDesc { viewport: view.viewport.map(|at| at * share), scissor, ..view.clone() })
     });
     ([reduced(width), reduced(height)], views.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_shares_of_many_counts_are_not_rounded_away() {
+        let whole = whole_counts(vec![0.4; 320]);
+        assert_eq!(whole.iter().sum::<u32>(), 128);
+        assert!(whole.iter().all(|count| *count <= 1));
+        assert_eq!(whole_counts(vec![0.0, 3.0, 0.0, 7.0]), [0, 3, 0, 7]);
+    }
 }
