@@ -34,8 +34,8 @@ use serde::{Deserialize, Serialize};
 /// Longest that an input waits in memory: what a killed manager loses of its recording.
 const FLUSH_PERIOD: Duration = Duration::from_millis(100);
 
-/// Maximum time that the end of a manager waits for the disk.
-const END_TIME_MAX: Duration = Duration::from_secs(1);
+/// Maximum time that the end of a manager waits for the disk to take another piece.
+const END_TIME_MAX: Duration = Duration::from_secs(3);
 
 /// One thing that a recording says.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -120,12 +120,13 @@ impl InitialState {
 
 type RecordRef<'a> = Record<CheckpointOf<'a>, &'a Input>;
 
-/// Writes a recording. Dropping it writes what is left, and waits a second at most for the disk.
+/// Writes a recording. Dropping it writes what is left, unless the disk takes nothing any more.
 #[derive(Debug)]
 pub struct Recorder {
     buffer: Arc<Buffer>,
-    /// Disconnected as the thread ends, if there is one; nothing is sent.
-    ended: Option<Receiver<()>>,
+    /// Has something for pieces that were written, and is disconnected as their thread ends, if
+    /// there is one.
+    written: Option<Receiver<()>>,
     epoch: Option<Epoch>,
     started_unix_us: u64,
 }
@@ -144,7 +145,7 @@ impl Recorder {
     pub fn without_file(reason: &RingError) -> Self {
         let buffer = Buffer::new(0, 0);
         buffer.give_up(format!("nothing is recorded: {reason}"));
-        Self { buffer: Arc::new(buffer), ended: None, epoch: None, started_unix_us: 0 }
+        Self { buffer: Arc::new(buffer), written: None, epoch: None, started_unix_us: 0 }
     }
 
     fn write_to(mut ring: Ring, path: &Path) -> Result<Self, RingError> {
@@ -157,18 +158,23 @@ impl Recorder {
     fn start(
         buffer: Buffer,
         path: &Path,
-        write: impl FnMut(&RecordBatch) -> io::Result<()> + Send + 'static,
+        mut write: impl FnMut(&RecordBatch) -> io::Result<()> + Send + 'static,
     ) -> io::Result<Self> {
         let buffer = Arc::new(buffer);
         let (shared, name) = (Arc::clone(&buffer), path.display().to_string());
-        let (end, ended) = sync_channel(1);
+        let (tell, written) = sync_channel(1);
         let work = move || {
-            write_all(write, &shared, &name);
-            drop(end);
+            let write_and_tell = |piece: &RecordBatch| {
+                write(piece)?;
+                // One that nobody has looked at says as much.
+                let _ = tell.try_send(());
+                Ok(())
+            };
+            write_all(write_and_tell, &shared, &name);
         };
         // It is not joined: a frozen disk may hold it for ever.
         std::thread::Builder::new().name("recorder".into()).spawn(work)?;
-        Ok(Self { buffer, ended: Some(ended), epoch: None, started_unix_us: 0 })
+        Ok(Self { buffer, written: Some(written), epoch: None, started_unix_us: 0 })
     }
 
     /// A life of the manager begins.
@@ -229,11 +235,16 @@ impl Drop for Recorder {
             self.note(&Record::End);
         }
         self.buffer.close();
-        let Some(ended) = &self.ended else { return };
+        let Some(written) = &self.written else { return };
         // What else went wrong was logged.
-        if ended.recv_timeout(END_TIME_MAX) == Err(RecvTimeoutError::Timeout) {
-            tracing::warn!("the disk of the recording does not answer; its end may be missing");
+        loop {
+            match written.recv_timeout(END_TIME_MAX) {
+                Ok(()) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+                Err(RecvTimeoutError::Timeout) => break,
+            }
         }
+        tracing::warn!("the disk of the recording does not answer; its end may be missing");
     }
 }
 
