@@ -117,15 +117,7 @@ fn archive(arguments: &Arguments, wall_file: &Path) -> anyhow::Result<()> {
             let _ = fs::remove_file(map);
         }
     }
-    done
-}
-
-/// Writes the maps of an archive and its wall file.
-fn unpack(arguments: &Arguments, wall_file: &Path) -> anyhow::Result<()> {
-    let imported = mpcdi::import(&arguments.file, &arguments.output, &AtomicBool::new(false))?;
-    let text = wall_text(arguments, &imported)?;
-    check_text(&text, wall_file)?;
-    outputs::write(wall_file, text.as_bytes())?;
+    let imported = done?;
     let size = |buffer: &ImportedBuffer| format!("{} × {}", buffer.size.x, buffer.size.y);
     let sizes: Vec<String> = imported.buffers.iter().map(size).collect();
     say(format_args!(
@@ -136,6 +128,15 @@ fn unpack(arguments: &Arguments, wall_file: &Path) -> anyhow::Result<()> {
         sizes.join(", ")
     ))?;
     imported.notes.iter().try_for_each(|note| say(format_args!("note: {note}")))
+}
+
+/// Writes the maps of an archive and its wall file.
+fn unpack(arguments: &Arguments, wall_file: &Path) -> anyhow::Result<Imported> {
+    let imported = mpcdi::import(&arguments.file, &arguments.output, &AtomicBool::new(false))?;
+    let text = wall_text(arguments, &imported)?;
+    check_text(&text, wall_file)?;
+    outputs::write(wall_file, text.as_bytes())?;
+    Ok(imported)
 }
 
 /// Returns whether a file is an archive, or the text of one alone.
