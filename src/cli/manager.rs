@@ -16,6 +16,7 @@ use anyhow::{Context, bail};
 use polyptych_manager::http::HttpOptions;
 use polyptych_manager::lease::LEASE_TIME_DEFAULT;
 use polyptych_manager::recorder::Recorder;
+use polyptych_manager::recorder::ring::RingError;
 use polyptych_manager::{ManagerOptions, run as run_manager};
 use polyptych_protocol::command::Goodbye;
 use polyptych_protocol::service_notifier::ServiceNotifier;
@@ -205,7 +206,9 @@ fn open(
         options.recorder = Some(match Recorder::open(path) {
             Ok(recorder) => recorder,
             // The leader before may hang with the file open, and the wall goes on all the same.
-            Err(error) if options.leadership.is_some() => {
+            Err(error @ (RingError::Busy { .. } | RingError::Io { .. }))
+                if options.leadership.is_some() =>
+            {
                 tracing::warn!(%error, "the wall goes on without its recording");
                 Recorder::without_file(&error)
             }
