@@ -153,8 +153,8 @@ pub struct Node {
     pub instances: Vec<Instance>,
     /// How far the meshes of about its size that touch it in the file, and touch each other, reach
     /// from its middle, in radii of the mesh: more than 1, or 0 for one that stands alone. They are
-    /// one surface, which is left out as small only as a whole. The largest of its copies, if it
-    /// has copies.
+    /// one surface, which is left out as small only as a whole. Endless where a clip may move it to
+    /// others. The largest of its copies, if it has copies.
     pub crowd: f32,
     /// It surrounds all else in the file, as a dome with a sky does: it casts no shadow, and maps
     /// of shadows need no room for it.

@@ -4,11 +4,12 @@
 //!
 //! Meshes of about one size that touch are a crowd; it has a sphere, which is small only where all
 //! of them are. It is found in the bake, where meshes stand in their file: all servers know the
-//! same crowds, whatever was moved since.
+//! same crowds, whatever was moved since. Clips may make a surface of meshes that are apart there,
+//! or are points: what they move is in a crowd without end, and so never left out as small.
 
 use foldhash::{HashMap, HashMapExt};
 use glam::{DAffine3, DVec3, I64Vec3};
-use polyptych_scene::{Bounds, Scene};
+use polyptych_scene::{AnimatedPath, Bounds, Scene};
 
 use super::BakeJob;
 use super::bounds::{around, place_of, whole};
@@ -79,7 +80,14 @@ pub(super) fn find(job: &BakeJob<'_>, scene: &mut Scene) -> Result<(), BakeError
             add(copy, world * place_of(of));
         }
     }
-    for ((node, copy), ratio) in places.into_iter().zip(ratios(&placed, || job.check())?) {
+    let found = ratios(&placed, || job.check())?;
+    let movers = movers(scene);
+    let of_first = places.first().map(|(node, _)| movers[*node as usize]);
+    // What all hangs from one mover stays as it is beside the rest of it.
+    let is_one_body = places.iter().all(|(node, _)| Some(movers[*node as usize]) == of_first);
+    for (((node, copy), of), ratio) in places.into_iter().zip(&placed).zip(found) {
+        let is_as_found = movers[node as usize].is_none() || (is_one_body && of.radius > 0.0);
+        let ratio = if is_as_found { ratio } else { f32::INFINITY };
         let node = &mut scene.nodes[node as usize];
         node.crowd = node.crowd.max(ratio);
         if let Some(copy) = node.instances.get_mut(copy as usize) {
@@ -87,6 +95,28 @@ pub(super) fn find(job: &BakeJob<'_>, scene: &mut Scene) -> Result<(), BakeError
         }
     }
     Ok(())
+}
+
+/// Returns the nearest node at or above each one that a clip moves, turns or scales, if any.
+fn movers(scene: &Scene) -> Vec<Option<u32>> {
+    let mut is_moved = vec![false; scene.nodes.len()];
+    for channel in scene.animations.clips.iter().flat_map(|clip| &clip.channels) {
+        let target = match channel.path {
+            AnimatedPath::Translation | AnimatedPath::Rotation | AnimatedPath::Scale => {
+                scene.animations.nodes.get(channel.target as usize)
+            }
+            AnimatedPath::Weights | AnimatedPath::Property => None,
+        };
+        if let Some(slot) = target.and_then(|target| is_moved.get_mut(target.node as usize)) {
+            *slot = true;
+        }
+    }
+    let mut movers: Vec<Option<u32>> = Vec::with_capacity(scene.nodes.len());
+    for ((node, at), is_moved) in scene.nodes.iter().zip(0..).zip(is_moved) {
+        let above = node.parent.and_then(|parent| *movers.get(parent as usize)?);
+        movers.push(if is_moved { Some(at) } else { above });
+    }
+    movers
 }
 
 /// Returns the radius of a sphere around the middle of each place that holds its crowd, in radii of

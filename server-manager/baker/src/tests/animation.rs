@@ -394,6 +394,40 @@ fn meshes_that_differ_in_their_targets_alone_are_not_one() {
     assert_eq!(origins[1] - origins[0], DVec3::new(0.0, 5.0, -2.0));
 }
 
+/// Crowds of two squares side by side below a group, where a clip scales `scaled` from `rest`, the
+/// scale of the squares, and where a third one stands apart or is not shown.
+fn crowds_where_a_clip_scales(scaled: &[u32], rest: f32, has_third: bool) -> Vec<f32> {
+    let mut builder = Builder::quad();
+    let scale = [rest, rest, rest];
+    builder.json["nodes"] = json!([
+        { "children": [1, 2] },
+        { "mesh": 0, "scale": scale },
+        { "mesh": 0, "scale": scale, "translation": [1, 0, 0] },
+        { "mesh": 0, "translation": [0, 9, 0] },
+    ]);
+    let roots: &[u32] = if has_third { &[0, 3] } else { &[0] };
+    builder.json["scenes"] = json!([{ "nodes": roots }]);
+    let input = times(&mut builder, &[0.0, 1.0]);
+    let output = builder.floats("VEC3", &[rest, rest, rest, 2.0, 2.0, 2.0]);
+    let channel = |node: &u32| json!({ "sampler": 0, "target": { "node": node, "path": "scale" } });
+    let channels: Vec<Value> = scaled.iter().map(channel).collect();
+    let samplers = json!([{ "input": input, "output": output }]);
+    builder.json["animations"] = clip(&json!(channels), &samplers);
+    let (_place, _, scene) = bake_builder(&builder);
+    scene.nodes.iter().map(|node| node.crowd).collect()
+}
+
+#[test]
+fn what_a_clip_may_put_together_is_in_a_crowd_without_end() {
+    let endless = [0.0, f32::INFINITY, f32::INFINITY, 0.0];
+    assert_eq!(crowds_where_a_clip_scales(&[1, 2], 0.0, true), endless, "points that grow");
+    assert_eq!(crowds_where_a_clip_scales(&[1, 2], 0.5, true), endless, "squares that are apart");
+    assert_eq!(crowds_where_a_clip_scales(&[0], 1.0, true), endless, "a group beside another");
+    // All that is shown moves as one: 1.62 m, where the radius of a square is 0.71.
+    let alone = crowds_where_a_clip_scales(&[0], 1.0, false);
+    assert!(alone[1..].iter().all(|crowd| (2.28..2.3).contains(crowd)), "{alone:?}");
+}
+
 /// A triangle without normals that two targets raise, in turn.
 fn morphed() -> Builder {
     let mut builder = Builder::triangle();
